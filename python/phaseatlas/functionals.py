@@ -1,0 +1,186 @@
+"""The functionals of the paper, each a value and a gradient of the phase field.
+
+They work in the coordinates of the surface they are given: epsilon is a length, and the sharp
+limit of the perimeter is sqrt(2) times the length of the interface.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from .surface import Surface
+
+__all__ = ["Area", "Connectedness", "Functional", "Perimeter", "indicator"]
+
+
+class Functional(Protocol):
+    """What the driver minimises: anything with this one method."""
+
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+        """Return the value and the (n,) gradient at the (n,) phase field `u`."""
+        ...
+
+
+def indicator(u: ArrayLike, delta: float) -> NDArray[np.float64]:
+    """Diffuse indicator chi(u) of the positive phase, section 3 of the paper.
+
+    Parameters
+    ----------
+    u : array_like of float
+        Phase field.
+    delta : float
+        Half width of the plateaus, in [0, 1): chi is 0 below -1 + delta, 1 above 1 - delta.
+
+    Returns
+    -------
+    array of float, shape of `u`
+        Values in [0, 1] with chi(-u) = 1 - chi(u).
+
+    Raises
+    ------
+    ValueError
+        For `delta` outside [0, 1).
+    """
+    if not 0 <= delta < 1:
+        raise ValueError(f"delta: {delta} must be in [0, 1)")
+    r = 1 - delta
+    v = np.clip(np.asarray(u, dtype=np.float64), -r, r)
+    chi: NDArray[np.float64] = (v + r) ** 2 * (2 * r - v) / (4 * r**3)
+    return chi
+
+
+class Perimeter:
+    """Modica-Mortola perimeter, equation (5), or (9) within a parent's indicator.
+
+    Parameters
+    ----------
+    surface : Surface
+    epsilon : float
+        Interface width, a length; about twice the edge length resolves the profile
+        tanh(3 x / (2 sqrt(2) epsilon)).
+    weight : (n,) array_like of float, optional
+        Indicator of the parent segment at the vertices, in [0, 1].
+    eta : float, default 0
+        Added to `weight`, equation (7).
+    sigma : float, default 1
+        The penalty on u outside the parent is (1 - weight) u^2 / sigma, equation (7).
+
+    Raises
+    ------
+    ValueError
+        For `epsilon` or `sigma` not positive, `eta` negative, `weight` of another shape or
+        outside [0, 1].
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        epsilon: float,
+        *,
+        weight: ArrayLike | None = None,
+        eta: float = 0.0,
+        sigma: float = 1.0,
+    ) -> None:
+        self._surface = surface
+        w = None if weight is None else surface.vector("weight", weight)
+        self._core = _core.Perimeter(surface._mesh, epsilon, w, eta, sigma)
+
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+        """Return the value and the (n,) gradient at the (n,) phase field `u`."""
+        return self._core.value_and_gradient(self._surface.vector("u", u))
+
+
+class Area:
+    """Area of the positive phase, equation (2), or (10) within a parent's indicator.
+
+    Parameters
+    ----------
+    surface : Surface
+    epsilon : float
+        Interface width; sets the default of `delta` only.
+    delta : float, optional
+        Half width of the plateaus of the indicator chi, in [0, 1); epsilon / 10 by default.
+    weight : (n,) array_like of float, optional
+        Indicator of the parent segment at the vertices, in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        For `epsilon` not positive, `delta` outside [0, 1), `weight` of another shape or outside
+        [0, 1].
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        epsilon: float,
+        *,
+        delta: float | None = None,
+        weight: ArrayLike | None = None,
+    ) -> None:
+        if not (np.isfinite(epsilon) and epsilon > 0):
+            raise ValueError(f"epsilon: {epsilon} must be a positive number")
+        self._surface = surface
+        w = None if weight is None else surface.vector("weight", weight)
+        self._core = _core.Area(surface._mesh, epsilon / 10 if delta is None else delta, w)
+
+    @property
+    def total(self) -> float:
+        """Area of both phases together."""
+        return self._core.total
+
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+        """Return the value and the (n,) gradient at the (n,) phase field `u`."""
+        return self._core.value_and_gradient(self._surface.vector("u", u))
+
+
+class Connectedness:
+    """Connectedness functional C[u] + C[-u], equation (3), zero where both phases connect.
+
+    Parameters
+    ----------
+    surface : Surface
+    epsilon : float
+        Interface width; faces whose mean of u is at least 1 - sqrt(epsilon) form the
+        components.
+    weight : (n,) array_like of float, optional
+        Indicator of the parent segment at the vertices, in [0, 1]; paths that leave the parent
+        pay by its inverse.
+    phase : {"both", "positive", "negative"}
+        Evaluate both phases, C[u] alone or C[-u] alone.
+
+    Raises
+    ------
+    ValueError
+        For `epsilon` not positive, `weight` of another shape or outside [0, 1], an unknown
+        `phase`.
+
+    Notes
+    -----
+    Discretised after Dondl and Wojtowytsch (2018), with the complementary supports of F and H
+    of Dondl, Novaga, Wojtowytsch and Wolff-Vorbeck (2021).
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        epsilon: float,
+        *,
+        weight: ArrayLike | None = None,
+        phase: Literal["both", "positive", "negative"] = "both",
+    ) -> None:
+        self._surface = surface
+        w = None if weight is None else surface.vector("weight", weight)
+        self._core = _core.Connectedness(surface._mesh, epsilon, w, phase)
+
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+        """Return the value and the (n,) gradient at the (n,) phase field `u`."""
+        return self._core.value_and_gradient(self._surface.vector("u", u))
+
+    def components(self, u: ArrayLike) -> tuple[int, int]:
+        """Return the number of components of the positive and of the negative phase."""
+        return self._core.components(self._surface.vector("u", u))

@@ -1,0 +1,310 @@
+"""Figures that rate a texture atlas, whichever tool made it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from . import _core
+
+if TYPE_CHECKING:
+    from .surface import Surface
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Two UVs further apart than this share of the layout's side are different.
+_UV_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class UvTopology:
+    """The surface cut open along the seams of a UV layout.
+
+    Attributes
+    ----------
+    chart
+        (m,) chart of each face.
+    n_charts
+        Number of charts.
+    corner
+        (m, 3) vertex of each corner on the cut surface; vertices on a seam appear once per side.
+    n_vertices
+        Number of vertices of the cut surface.
+    open_edges
+        (m, 3) bool, whether edge (k, k + 1 mod 3) of a face lies on the border of its chart.
+    seams
+        (m, 3) bool, those open edges that have a face on their other side.
+    """
+
+    chart: Ints
+    n_charts: int
+    corner: Ints
+    n_vertices: int
+    open_edges: NDArray[np.bool_]
+    seams: NDArray[np.bool_]
+
+
+def atlas_metrics(surface: Surface, uv: Floats, *, resolution: int = 2048) -> dict[str, float]:
+    """Rate a UV layout.
+
+    Below, A is the area of a face in space and s1 >= s2 are the singular values of its map to the
+    plane, after one scale for the whole layout that makes its area that of the surface.
+
+    Parameters
+    ----------
+    surface
+        The surface, with m faces.
+    uv
+        (m, 3, 2) UV of every corner of every face.
+    resolution
+        Side of the raster on which overlap is counted, in texels.
+
+    Returns
+    -------
+    dict
+        ``charts``: connected components of the faces over edges whose two sides carry the same UV.
+        ``non_disk``: charts whose Euler characteristic is not 1.
+        ``seam``: length of the edges with a face on either side that carry two UVs, over the square
+        root of the area of the surface.
+        ``yamabe``: sum A u^2 / sum A with u the logarithmic scale factor of the flat conformal
+        metric that keeps lengths on the border of each chart (see `yamabe_factors`); rates the
+        shapes of the charts alone; nan if a chart has no border.
+        ``qc``: mean of s1 / s2, weighted by A; 1 is conformal.
+        ``hencky``: variance of log(s1 s2) / 2 over the surface; 0 keeps relative areas.
+        ``l2``: sqrt(sum A (1 / s1^2 + 1 / s2^2) / 2 / sum A) (Sander et al. 2001); 1 is isometric.
+        ``degenerate``: faces without area in the plane; left out of the three above.
+        ``flips``: faces turned against their chart, which as a whole may be mirrored.
+        ``overlap``: texels covered by several faces, percent of the texels covered at all, the
+        layout filling the raster.
+        ``packing``: area of the layout, percent of its bounding square.
+
+    Raises
+    ------
+    ValueError
+        If `uv` has another shape or is not finite, or its total area is zero.
+    """
+    uv = _checked_uv(surface, uv)
+    topology = uv_topology(surface, uv)
+    s1, s2, signed = _singular_values(surface, uv)
+    solid = signed != 0.0
+    distortion = _distortion(s1[solid], s2[solid], surface.face_areas[solid])
+    factors = yamabe_factors(surface, topology)
+    area = float(surface.face_areas.sum())
+    mirrored = np.bincount(topology.chart, signed) < 0.0
+    turned = np.where(mirrored[topology.chart], -signed, signed)
+    extent = float(np.ptp(uv, axis=(0, 1)).max())
+    return {
+        "charts": topology.n_charts,
+        "non_disk": int((_euler_characteristics(topology) != 1).sum()),
+        "seam": float(_edge_lengths(surface)[topology.seams].sum() / 2.0 / np.sqrt(area)),
+        "yamabe": float(_vertex_areas(surface, topology) @ factors**2 / area),
+        **distortion,
+        "degenerate": int((~solid).sum()),
+        "flips": int((turned < 0.0).sum()),
+        "overlap": _overlap(uv, resolution),
+        "packing": float(100.0 * np.abs(signed).sum() / extent**2),
+    }
+
+
+def uv_topology(surface: Surface, uv: Floats) -> UvTopology:
+    """Cut a surface open along the edges whose two sides carry different UVs.
+
+    Parameters
+    ----------
+    surface
+        The surface, with m faces.
+    uv
+        (m, 3, 2) UV of every corner of every face.
+
+    Returns
+    -------
+    UvTopology
+        Charts, split vertices and border edges.
+    """
+    m = surface.n_faces
+    start, end = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()
+    key, twin_key = start * surface.n_vertices + end, end * surface.n_vertices + start
+    order = np.argsort(key)
+    slot = np.minimum(np.searchsorted(key[order], twin_key), 3 * m - 1)
+    twin = order[slot]
+    inner = key[twin] == twin_key
+
+    corners = np.arange(3 * m)
+    following = np.roll(corners.reshape(m, 3), -1, axis=1).ravel()
+    flat = uv.reshape(-1, 2)
+    tolerance = _UV_TOLERANCE * float(np.ptp(flat, axis=0).max())
+    apart = np.maximum(
+        np.abs(flat[corners] - flat[following[twin]]).max(axis=1),
+        np.abs(flat[following] - flat[twin]).max(axis=1),
+    )
+    joined = inner & (apart <= tolerance)
+
+    n_charts, chart = _components(m, corners[joined] // 3, twin[joined] // 3)
+    pairs = np.concatenate([corners[joined], following[joined]])
+    mates = np.concatenate([following[twin[joined]], twin[joined]])
+    n_vertices, corner = _components(3 * m, pairs, mates)
+    return UvTopology(
+        chart=chart,
+        n_charts=n_charts,
+        corner=corner.reshape(m, 3),
+        n_vertices=n_vertices,
+        open_edges=~joined.reshape(m, 3),
+        seams=(inner & ~joined).reshape(m, 3),
+    )
+
+
+def yamabe_factors(surface: Surface, topology: UvTopology) -> Floats:
+    """Logarithmic scale factors that flatten every chart and keep lengths on its border.
+
+    Solves div grad u = K on each chart, u = 0 on its border, with the cotangent Laplacian and angle
+    defects (Springborn, Schroeder and Pinkall 2008, linearised). Negative where a chart shrinks, as
+    the inside of a spherical cap does.
+
+    Parameters
+    ----------
+    surface
+        The surface.
+    topology
+        Its charts, from `uv_topology`.
+
+    Returns
+    -------
+    (p,) float64 array
+        One value per vertex of the cut surface; nan on charts without a border.
+    """
+    n = topology.n_vertices
+    cotangents, angles = _corner_angles(surface)
+    i, j = (
+        np.roll(topology.corner, -1, axis=1).ravel(),
+        np.roll(topology.corner, -2, axis=1).ravel(),
+    )
+    half = 0.5 * cotangents.ravel()
+    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([j, i, i, j])
+    values = np.concatenate([-half, -half, half, half])
+    stiffness = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
+    total = np.bincount(topology.corner.ravel(), weights=angles.ravel(), minlength=n)
+    defect = 2.0 * np.pi - total.astype(np.float64)
+
+    border = np.zeros(n, dtype=bool)
+    border[topology.corner[topology.open_edges]] = True
+    border[np.roll(topology.corner, -1, axis=1)[topology.open_edges]] = True
+    has_border = np.zeros(topology.n_charts, dtype=bool)
+    has_border[topology.chart[topology.open_edges.any(axis=1)]] = True
+    closed = np.zeros(n, dtype=bool)
+    closed[topology.corner[~has_border[topology.chart]]] = True
+
+    factors = np.zeros(n)
+    factors[closed] = np.nan
+    free = np.flatnonzero(~border & ~closed)
+    if free.size:
+        factors[free] = _solve(stiffness[free][:, free], -defect[free])
+    return factors
+
+
+def _solve(matrix: csc_array, right: Floats) -> Floats:
+    # The matrix is symmetric and, obtuse triangles aside, definite: pivoting would only cost fill.
+    options = {"SymmetricMode": True}
+    factor = splu(csc_array(matrix), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    solution: Floats = factor.solve(right)
+    return solution
+
+
+def _checked_uv(surface: Surface, uv: Floats) -> Floats:
+    uv = np.asarray(uv, dtype=np.float64)
+    if uv.shape != (surface.n_faces, 3, 2):
+        raise ValueError(f"uv must have shape {(surface.n_faces, 3, 2)}, got {uv.shape}")
+    finite = np.isfinite(uv).all(axis=2)
+    if not finite.all():
+        face, corner = (int(k) for k in np.argwhere(~finite)[0])
+        raise ValueError(f"uv[{face}, {corner}] is not finite: {uv[face, corner]}")
+    return uv
+
+
+def _components(n: int, a: Ints, b: Ints) -> tuple[int, Ints]:
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
+    count, label = connected_components(graph, directed=False)
+    return int(count), label.astype(np.int64)
+
+
+def _distortion(s1: Floats, s2: Floats, areas: Floats) -> dict[str, float]:
+    share = areas / areas.sum()
+    log_scale = 0.5 * np.log(s1 * s2)
+    return {
+        "qc": float(share @ (s1 / s2)),
+        "hencky": float(share @ (log_scale - share @ log_scale) ** 2),
+        "l2": float(np.sqrt(share @ (0.5 / s1**2 + 0.5 / s2**2))),
+    }
+
+
+def _edge_lengths(surface: Surface) -> Floats:
+    points = surface.vertices[surface.faces]
+    lengths: Floats = np.linalg.norm(np.roll(points, -1, axis=1) - points, axis=2)
+    return lengths
+
+
+def _corner_angles(surface: Surface) -> tuple[Floats, Floats]:
+    """Cotangent and angle at every corner."""
+    points = surface.vertices[surface.faces]
+    a, b = np.roll(points, -1, axis=1) - points, np.roll(points, -2, axis=1) - points
+    dot = np.einsum("fkd,fkd->fk", a, b)
+    cross = np.linalg.norm(np.cross(a, b), axis=2)
+    return dot / cross, np.arctan2(cross, dot)
+
+
+def _singular_values(surface: Surface, uv: Floats) -> tuple[Floats, Floats, Floats]:
+    """Singular values of every face's map, at equal total areas, and its area in the plane."""
+    points = surface.vertices[surface.faces]
+    e1, e2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    length = np.linalg.norm(e1, axis=1)
+    x2 = np.einsum("fd,fd->f", e1, e2) / length
+    y2 = 2.0 * surface.face_areas / length
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    signed: Floats = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    total = float(np.abs(signed).sum())
+    if not total > 0.0:
+        raise ValueError("uv has no area")
+    scale = np.sqrt(surface.face_areas.sum() / total)
+    du = scale * a / length[:, None]
+    dv = (scale * b - x2[:, None] * du) / y2[:, None]
+    conformal = np.hypot(du[:, 0] + dv[:, 1], du[:, 1] - dv[:, 0])
+    anticonformal = np.hypot(du[:, 0] - dv[:, 1], du[:, 1] + dv[:, 0])
+    s1 = 0.5 * (conformal + anticonformal)
+    # The product of the two is the ratio of the areas, which slivers lose in the difference.
+    ratio = scale**2 * np.abs(signed) / surface.face_areas
+    s2 = ratio / np.where(s1 > 0.0, s1, 1.0)
+    return s1, s2, signed
+
+
+def _euler_characteristics(topology: UvTopology) -> Ints:
+    """Vertices - edges + faces of every chart."""
+    faces = np.bincount(topology.chart, minlength=topology.n_charts)
+    open_edges = np.bincount(
+        topology.chart, topology.open_edges.sum(axis=1), minlength=topology.n_charts
+    ).astype(np.int64)
+    chart_of_vertex = np.empty(topology.n_vertices, dtype=np.int64)
+    chart_of_vertex[topology.corner] = topology.chart[:, None]
+    vertices = np.bincount(chart_of_vertex, minlength=topology.n_charts)
+    characteristics: Ints = vertices - (3 * faces + open_edges) // 2 + faces
+    return characteristics
+
+
+def _vertex_areas(surface: Surface, topology: UvTopology) -> Floats:
+    third = np.repeat(surface.face_areas / 3.0, 3)
+    corner = topology.corner.ravel()
+    areas = np.bincount(corner, weights=third, minlength=topology.n_vertices)
+    return areas.astype(np.float64)
+
+
+def _overlap(uv: Floats, resolution: int) -> float:
+    low = uv.min(axis=(0, 1))
+    extent = float(np.ptp(uv, axis=(0, 1)).max())
+    _, count = _core.rasterize(np.ascontiguousarray((uv - low) / extent), resolution)
+    covered = int((count > 0).sum())
+    return 100.0 * int((count > 1).sum()) / covered if covered else 0.0

@@ -1,0 +1,239 @@
+"""Charts side by side in the unit square."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xatlas
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+if TYPE_CHECKING:
+    from .atlas import Chart
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# The packer searches positions texel by texel, at a cost that grows like the fourth power of this.
+_SEARCH_RESOLUTION = 512
+# Packings to choose from.
+_TRIALS = 12
+# Share of the square that charts of ordinary shape fill; only sets how fine the search is.
+_EXPECTED_FILL = 0.7
+
+
+@dataclass(frozen=True)
+class _Island:
+    """An edge-connected part of a chart's labelled faces, its long side turned along u."""
+
+    faces: Ints
+    corners: Floats
+
+
+def pack(
+    charts: Sequence[Chart], n_faces: int, *, padding: int = 4, resolution: int = 1024
+) -> Floats:
+    """Lay the labelled faces of all charts into the unit square without overlap.
+
+    Charts are turned and moved, never mirrored, and share one scale, so relative sizes are those
+    of ``Chart.uv``. A chart whose labelled faces fall into several pieces is packed piece by piece.
+    Pieces are rasterised and placed by xatlas (Young 2018); it is asked for positions only, because
+    it stretches charts to whole texels and mirrors some when it turns them.
+
+    Parameters
+    ----------
+    charts
+        The labelled faces of the charts together are every face exactly once.
+    n_faces
+        Number m of faces of the surface.
+    padding
+        Least distance between charts, in texels of a square texture of side ``resolution``; half
+        of it is kept free along the border.
+    resolution
+        Side of the texture that the layout is meant for, in texels.
+
+    Returns
+    -------
+    (m, 3, 2) float64 array
+        UV of every corner of every face in [0, 1], v pointing up.
+
+    Raises
+    ------
+    ValueError
+        If a face is labelled by no chart or by several, a UV is not finite, a piece has no area in
+        the plane, or an option is out of range.
+    RuntimeError
+        If xatlas drops or splits a piece.
+    """
+    if resolution < 1:
+        raise ValueError(f"resolution must be at least 1, got {resolution}")
+    if not 0 <= padding <= resolution // 8:
+        raise ValueError(f"padding must lie in 0..resolution / 8, got {padding} at {resolution}")
+    _check_cover(charts, n_faces)
+    islands = [island for index, chart in enumerate(charts) for island in _islands(index, chart)]
+    size = min(resolution, _SEARCH_RESOLUTION)
+    area = sum(float(_face_areas(island.corners).sum()) for island in islands)
+    unit = size * np.sqrt(_EXPECTED_FILL / area)
+
+    # The padding in texels of the search depends on the side of the square, known only afterwards.
+    reach = int(np.ceil(0.5 * (padding * size / resolution + 1.0)))
+    offsets, turned, side = _best_placement(islands, unit, reach)
+    while 2 * reach - 1 < padding * side / (resolution - padding):
+        reach += 1
+        offsets, turned, side = _best_placement(islands, unit, reach)
+    gap = padding * side / (resolution - padding)
+    uv = np.empty((n_faces, 3, 2))
+    for island, corners, offset in zip(islands, turned, offsets, strict=True):
+        uv[island.faces] = (corners * unit + offset + 0.5 * gap) / (side + gap)
+    return uv
+
+
+def _check_cover(charts: Sequence[Chart], n_faces: int) -> None:
+    if not charts:
+        raise ValueError("charts is empty")
+    labelled = np.concatenate([chart.faces[chart.labelled] for chart in charts])
+    if labelled.size and not 0 <= labelled.min() <= labelled.max() < n_faces:
+        wrong = int(labelled.max() if labelled.max() >= n_faces else labelled.min())
+        raise ValueError(f"charts name face {wrong}, but there are {n_faces} faces")
+    times = np.bincount(labelled, minlength=n_faces)
+    if (times != 1).any():
+        face = int(np.flatnonzero(times != 1)[0])
+        raise ValueError(f"face {face} is labelled by {times[face]} charts, expected 1")
+
+
+def _islands(index: int, chart: Chart) -> list[_Island]:
+    faces = chart.faces[chart.labelled]
+    triangles = chart.triangles[chart.labelled]
+    corners = chart.uv[triangles]
+    if not np.isfinite(corners).all():
+        vertex = int(triangles.ravel()[np.flatnonzero(~np.isfinite(corners).all(axis=2))[0]])
+        raise ValueError(f"charts[{index}].uv[{vertex}] is not finite: {chart.uv[vertex]}")
+    count, piece = _edge_components(triangles)
+    islands = []
+    for k in range(count):
+        member = piece == k
+        areas = _face_areas(corners[member])
+        if not areas.sum() > 0.0:
+            face = int(faces[member][0])
+            raise ValueError(f"charts[{index}].uv has a piece without area, at face {face}")
+        islands.append(_Island(faces[member], _upright(corners[member])))
+    return islands
+
+
+def _edge_components(triangles: Ints) -> tuple[int, NDArray[np.int32]]:
+    """Number of edge-connected parts and the part of each triangle."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    owner = np.repeat(np.arange(len(triangles)), 3)
+    incidence = coo_array((np.ones(len(edge)), (owner, edge.ravel()))).tocsr()
+    count, part = connected_components(incidence @ incidence.T, directed=False)
+    return int(count), part
+
+
+def _face_areas(corners: Floats) -> Floats:
+    a = corners[:, 1] - corners[:, 0]
+    b = corners[:, 2] - corners[:, 0]
+    areas: Floats = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    return areas
+
+
+def _upright(corners: Floats) -> Floats:
+    """Turn corners so that their smallest bounding rectangle lies along u, low corner at 0."""
+    points = corners.reshape(-1, 2)
+    try:
+        hull = points[ConvexHull(points).vertices]
+    except QhullError:
+        hull = points[:1]
+    sides = np.roll(hull, -1, axis=0) - hull
+    angles = np.append(np.arctan2(sides[:, 1], sides[:, 0]), 0.0)
+    cosines, sines = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    along = hull[:, 0] * cosines + hull[:, 1] * sines
+    across = hull[:, 1] * cosines - hull[:, 0] * sines
+    width, height = np.ptp(along, axis=1), np.ptp(across, axis=1)
+    best = int(np.argmin(width * height))
+    angle = angles[best] + (0.5 * np.pi if height[best] > width[best] else 0.0)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    turned = corners @ rotation
+    moved: Floats = turned - turned.min(axis=(0, 1))
+    return moved
+
+
+def _quarter_turns(corners: Floats, turns: int) -> Floats:
+    x, y = corners[..., 0], corners[..., 1]
+    turned = np.stack([(x, y), (-y, x), (-x, -y), (y, -x)][turns], axis=-1)
+    moved: Floats = turned - turned.min(axis=(0, 1))
+    return moved
+
+
+def _best_placement(
+    islands: Sequence[_Island], unit: float, reach: int
+) -> tuple[list[Floats], list[Floats], float]:
+    """Smallest of several packings that differ in how the pieces are turned."""
+    candidates = []
+    for turns in _turn_choices(len(islands)):
+        turned = [
+            _quarter_turns(island.corners, turn)
+            for island, turn in zip(islands, turns, strict=True)
+        ]
+        offsets, side = _place([corners * unit for corners in turned], reach)
+        candidates.append((offsets, turned, side))
+    return min(candidates, key=lambda candidate: candidate[2])
+
+
+def _turn_choices(count: int) -> list[list[int]]:
+    """Quarter turns of every piece: all lying, all standing, then draws from a fixed stream."""
+    draws = np.random.default_rng(0).integers(0, 4, (_TRIALS - 2, count))
+    return [[0] * count, [1] * count, *draws.tolist()]
+
+
+def _place(pieces: Sequence[Floats], reach: int) -> tuple[list[Floats], float]:
+    """Low corner of each piece and the side of the square, both in texels of the search.
+
+    Every piece keeps ``reach`` texels around it to itself. Pieces end up at least 2 reach - 1
+    apart: xatlas stretches them to whole texels, and undoing that moves each point by up to one.
+    """
+    sizes = [len(piece) for piece in pieces]
+    corners = np.concatenate(pieces).reshape(-1, 2)
+    owner = np.repeat(np.arange(len(pieces)), sizes)
+    # xatlas takes two meshes whose buffers have the same address for copies of each other, which
+    # freed temporaries of one call per chart can have: one mesh, told apart by material, is safe.
+    uvs = np.ascontiguousarray(corners, dtype=np.float32)
+    indices = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+    atlas = xatlas.Atlas()
+    atlas.add_uv_mesh(uvs, indices, np.ascontiguousarray(owner[:, None], dtype=np.uint32))
+    options = xatlas.PackOptions()
+    options.texels_per_unit = 1.0
+    options.padding = reach
+    options.bilinear = False
+    options.bruteForce = True
+    options.rotate_charts = False
+    options.rotate_charts_to_axis = False
+    atlas.generate(pack_options=options)
+
+    source, _, placed = atlas[0]
+    texels = placed.astype(np.float64) * [atlas.width, atlas.height]
+    piece = np.repeat(owner, 3)[source]
+    low = np.full((len(pieces), 2), np.inf)
+    high = np.full((len(pieces), 2), -np.inf)
+    np.minimum.at(low, piece, texels)
+    np.maximum.at(high, piece, texels)
+    _check_placed(pieces, low, high, atlas.atlas_count)
+    return list(low), float(max(atlas.width, atlas.height))
+
+
+def _check_placed(pieces: Sequence[Floats], low: Floats, high: Floats, atlas_count: int) -> None:
+    if atlas_count != 1:
+        raise RuntimeError(f"xatlas spread the charts over {atlas_count} textures, expected 1")
+    if not np.isfinite(low).all():
+        piece = int(np.flatnonzero(~np.isfinite(low).all(axis=1))[0])
+        raise RuntimeError(f"xatlas dropped piece {piece} of {len(pieces)}")
+    extents = np.array([np.ptp(piece, axis=(0, 1)) for piece in pieces])
+    # It rounds sides up to whole texels; a piece that spans more has been torn apart.
+    torn = (high - low > extents + 1.5).any(axis=1)
+    if torn.any():
+        raise RuntimeError(f"xatlas split piece {int(np.flatnonzero(torn)[0])} of {len(pieces)}")

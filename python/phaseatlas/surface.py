@@ -1,0 +1,200 @@
+"""A triangle surface: validated topology and the quantities that depend on it alone."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+
+__all__ = ["Surface"]
+
+
+class Surface:
+    """An orientable, connected, manifold triangle mesh of any genus, with or without boundary.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array_like of float
+        Vertex positions.
+    faces : (m, 3) array_like of int
+        Vertex indices of each face, all faces in one orientation.
+
+    Raises
+    ------
+    ValueError
+        For an empty mesh, a wrong shape, a coordinate that is not finite, an index out of range,
+        a degenerate face, an unreferenced vertex, a non-manifold edge or vertex, faces of
+        inconsistent orientation and several components. The message names the culprit.
+    """
+
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+        self.vertices: NDArray[np.float64] = _matrix("vertices", vertices, np.float64)
+        self.faces: NDArray[np.int64] = _matrix("faces", faces, np.int64)
+        self._mesh = _core.TriangleMesh(self.vertices, self.faces)
+        self.vertices.flags.writeable = False
+        self.faces.flags.writeable = False
+
+    def __repr__(self) -> str:
+        return (
+            f"Surface({self.n_vertices} vertices, {self.n_faces} faces, genus {self.genus}, "
+            f"{self.n_boundary_loops} boundary loops)"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Surface, (self.vertices, self.faces)
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices, n."""
+        return len(self.vertices)
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces, m."""
+        return len(self.faces)
+
+    @property
+    def n_edges(self) -> int:
+        """Number of edges."""
+        return len(self.edges)
+
+    @property
+    def euler_characteristic(self) -> int:
+        """V - E + F."""
+        return self._mesh.euler_characteristic
+
+    @property
+    def genus(self) -> int:
+        """Genus of the surface with its boundary loops capped."""
+        return self._mesh.genus
+
+    @property
+    def n_boundary_loops(self) -> int:
+        """Number of boundary loops."""
+        return self._mesh.n_boundary_loops
+
+    @cached_property
+    def area(self) -> float:
+        """Total area."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def mean_edge_length(self) -> float:
+        """Mean edge length h."""
+        return self._mesh.mean_edge_length
+
+    @cached_property
+    def face_areas(self) -> NDArray[np.float64]:
+        """Area of each face, (m,)."""
+        return self._mesh.areas()
+
+    @cached_property
+    def face_diameters(self) -> NDArray[np.float64]:
+        """Longest edge of each face, (m,)."""
+        return self._mesh.diameters()
+
+    @cached_property
+    def mass(self) -> NDArray[np.float64]:
+        """Lumped mass, a third of the area of a vertex' faces, (n,)."""
+        return self._mesh.mass()
+
+    @cached_property
+    def angle_defects(self) -> NDArray[np.float64]:
+        """Integrated Gauss curvature, (n,): 2 pi - sum of angles, at the border pi - sum."""
+        return self._mesh.angle_defects()
+
+    @cached_property
+    def on_border(self) -> NDArray[np.bool_]:
+        """Whether a vertex lies on a boundary loop, (n,)."""
+        return self._mesh.on_border()
+
+    @cached_property
+    def edges(self) -> NDArray[np.int64]:
+        """Every edge once, smaller vertex first, sorted, (e, 2)."""
+        return self._mesh.edges()
+
+    @cached_property
+    def face_neighbours(self) -> NDArray[np.int64]:
+        """Face across edge (f[k], f[(k + 1) % 3]), -1 at the border, (m, 3)."""
+        return self._mesh.neighbours()
+
+    @cached_property
+    def face_quality(self) -> NDArray[np.float64]:
+        """4 sqrt(3) area / sum of squared edges of each face, 1 for equilateral, (m,)."""
+        corners = self.vertices[self.faces]
+        squares = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=(1, 2))
+        quality: NDArray[np.float64] = 4 * np.sqrt(3) * self.face_areas / squares
+        return quality
+
+    @cached_property
+    def stiffness(self) -> Any:
+        """Cotangent stiffness S_ij = integral grad theta_i . grad theta_j, (n, n) CSR."""
+        return self._symmetric(self._mesh.edge_stiffness())
+
+    def weighted_stiffness(self, weight: ArrayLike) -> Any:
+        """Stiffness S_ij = integral w grad theta_i . grad theta_j by midpoint quadrature.
+
+        Parameters
+        ----------
+        weight : (n,) array_like of float
+            Weight at the vertices; a face takes the mean of its corners.
+
+        Returns
+        -------
+        scipy.sparse.csr_array, (n, n)
+
+        Raises
+        ------
+        ValueError
+            For a weight of another shape or with a value that is not finite.
+        """
+        return self._symmetric(self._mesh.edge_stiffness(self.vector("weight", weight)))
+
+    def face_mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean over the corners of each face of a vertex quantity, (n, ...) to (m, ...)."""
+        a, b, c = self.faces.T
+        mean: NDArray[np.float64] = (values[a] + values[b] + values[c]) / 3
+        return mean
+
+    def scaled(self, factor: float) -> Surface:
+        """Return the surface with all lengths multiplied by `factor`."""
+        return Surface(self.vertices * factor, self.faces)
+
+    def vector(self, argument: str, values: ArrayLike) -> NDArray[np.float64]:
+        """Check and convert one finite value a vertex; `argument` names it in the error."""
+        array = np.ascontiguousarray(values, dtype=np.float64)
+        if np.shape(values) != (self.n_vertices,):
+            raise ValueError(
+                f"{argument}: shape {np.shape(values)}, expected ({self.n_vertices},)"
+            )
+        finite = np.isfinite(array)
+        if not finite.all():
+            index = int(np.argmin(finite))
+            raise ValueError(f"{argument}[{index}]: {array[index]} is not a finite number")
+        return array
+
+    def _symmetric(self, edge_values: NDArray[np.float64]) -> Any:
+        rows = np.concatenate([self.edges[:, 0], self.edges[:, 1]])
+        columns = np.concatenate([self.edges[:, 1], self.edges[:, 0]])
+        values = np.concatenate([edge_values, edge_values])
+        shape = (self.n_vertices, self.n_vertices)
+        off_diagonal = scipy.sparse.csr_array((values, (rows, columns)), shape=shape)
+        diagonal = scipy.sparse.diags_array(-off_diagonal.sum(axis=1))
+        return (off_diagonal + diagonal).tocsr()
+
+
+def _matrix(argument: str, values: ArrayLike, dtype: Any) -> Any:
+    array = np.asarray(values)
+    if array.size and (array.ndim != 2 or array.shape[1] != 3):
+        raise ValueError(f"{argument}: shape {array.shape}, expected (k, 3)")
+    if array.size and not (
+        np.issubdtype(array.dtype, np.integer)
+        or (dtype is np.float64 and np.issubdtype(array.dtype, np.floating))
+    ):
+        raise ValueError(f"{argument}: dtype {array.dtype}, expected {np.dtype(dtype).name}")
+    return np.array(array, dtype=dtype, order="C").reshape(-1, 3)

@@ -1,0 +1,251 @@
+//! Least-squares conformal map of a disk in its spectral form (Levy et al. 2002; Mullen et al.
+//! 2008).
+
+use std::collections::BTreeMap;
+
+use crate::error::{Error, Result};
+use crate::linear::{Cholesky, Factorisation};
+use crate::mesh::{NONE, TriangleMesh, dot, subtract};
+use crate::operators::Stiffness;
+
+/// Shift of the conformal energy, which is singular on translations, relative to its diagonal.
+const SHIFT: f64 = 1e-10;
+const MAX_ITERATIONS: usize = 200;
+/// Change of the normalised map, per iteration, at which the iteration stops.
+const TOLERANCE: f64 = 1e-9;
+
+/// Flattens a disk: the map of least conformal energy E = Dirichlet energy - area among those
+/// of unit norm on the border and mean zero there. No vertex is pinned.
+///
+/// Returns one point a vertex. The scale is such that the area in the plane equals that of the
+/// mesh; the orientation is kept.
+///
+/// # Errors
+/// [`Error::Topology`] for a mesh that is no disk, [`Error::NotPositiveDefinite`] where
+/// rounding spoils the factorisation of extreme needles.
+pub fn lscm(mesh: &TriangleMesh) -> Result<Vec<[f64; 2]>> {
+    if mesh.euler_characteristic() != 1 || mesh.n_boundary_loops() != 1 {
+        return Err(Error::Topology {
+            argument: "mesh",
+            reason: format!(
+                "a disk is needed; this has Euler characteristic {} and {} boundary loops",
+                mesh.euler_characteristic(),
+                mesh.n_boundary_loops()
+            ),
+        });
+    }
+    let n = mesh.n_vertices();
+    let mut solver = ConformalEnergy::new(mesh)?;
+    let border: Vec<usize> = (0..n).filter(|&v| mesh.on_border()[v]).collect();
+    let mut x = initial_map(mesh);
+    normalise(&mut x, &border, n);
+    let mut previous = x.clone();
+    for _ in 0..MAX_ITERATIONS {
+        // Inverse iteration for E x = lambda B x, B the indicator of the border.
+        let mut next = vec![0.0; 2 * n];
+        for &v in &border {
+            next[v] = x[v];
+            next[n + v] = x[n + v];
+        }
+        solver.cholesky.solve(&mut next)?;
+        normalise(&mut next, &border, n);
+        align(&mut next, &previous, n);
+        let change = next
+            .iter()
+            .zip(&previous)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
+        x.copy_from_slice(&next);
+        previous = next;
+        if change < TOLERANCE {
+            break;
+        }
+    }
+    let area = |x: &[f64]| -> f64 {
+        mesh.faces()
+            .iter()
+            .map(|face| {
+                let [a, b, c] = face.map(|v| v as usize);
+                0.5 * ((x[b] - x[a]) * (x[n + c] - x[n + a])
+                    - (x[c] - x[a]) * (x[n + b] - x[n + a]))
+            })
+            .sum()
+    };
+    let scale = (mesh.area() / area(&x)).sqrt();
+    if !scale.is_finite() {
+        return Err(Error::Topology {
+            argument: "mesh",
+            reason: "the conformal map collapsed: its area in the plane is not positive".into(),
+        });
+    }
+    Ok((0..n).map(|v| [scale * x[v], scale * x[n + v]]).collect())
+}
+
+/// The factored conformal energy on the unknowns (x of every vertex, then y).
+struct ConformalEnergy {
+    cholesky: Cholesky,
+}
+
+impl ConformalEnergy {
+    fn new(mesh: &TriangleMesh) -> Result<Self> {
+        let n = mesh.n_vertices();
+        let stiffness = Stiffness::new(mesh);
+        let pattern = mesh.pattern();
+        let mut columns: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); 2 * n];
+        let mut largest: f64 = 0.0;
+        for j in 0..n {
+            let mut diagonal = 0.0;
+            for entry in pattern.row_starts()[j]..pattern.row_starts()[j + 1] {
+                let i = pattern.columns()[entry] as usize;
+                let value = stiffness.values()[entry];
+                diagonal -= value;
+                if i > j {
+                    columns[j].insert(i, value);
+                    columns[n + j].insert(n + i, value);
+                }
+            }
+            largest = largest.max(diagonal);
+            columns[j].insert(j, diagonal);
+            columns[n + j].insert(n + j, diagonal);
+        }
+        for column in columns.iter_mut().enumerate() {
+            let (j, column) = column;
+            *column.entry(j).or_default() += SHIFT * largest;
+        }
+        // Twice the area is a sum over the border edges: sum x_a y_b - x_b y_a.
+        for half_edges in mesh.edge_half_edges().iter().filter(|h| h[1] == NONE) {
+            let (f, k) = ((half_edges[0] / 3) as usize, (half_edges[0] % 3) as usize);
+            let a = mesh.faces()[f][k] as usize;
+            let b = mesh.faces()[f][(k + 1) % 3] as usize;
+            *columns[a].entry(n + b).or_default() -= 0.5;
+            *columns[b].entry(n + a).or_default() += 0.5;
+        }
+        let mut starts = vec![0];
+        let (mut rows, mut values) = (Vec::new(), Vec::new());
+        for column in columns {
+            for (row, value) in column {
+                rows.push(row);
+                values.push(value);
+            }
+            starts.push(rows.len());
+        }
+        let mut cholesky = Cholesky::analyse(starts, rows, Factorisation::Automatic)?;
+        cholesky.factor(&values)?;
+        Ok(Self { cholesky })
+    }
+}
+
+/// The orthogonal projection along the mean normal: any start with a component along the
+/// wanted map would do.
+fn initial_map(mesh: &TriangleMesh) -> Vec<f64> {
+    let n = mesh.n_vertices();
+    let mut normal = [0.0; 3];
+    for face in mesh.faces() {
+        let p = face.map(|v| mesh.vertices()[v as usize]);
+        let (a, b) = (subtract(p[1], p[0]), subtract(p[2], p[0]));
+        for i in 0..3 {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            normal[i] += a[j] * b[k] - a[k] * b[j];
+        }
+    }
+    let smallest = (0..3).fold(0, |s, i| {
+        if normal[i].abs() < normal[s].abs() {
+            i
+        } else {
+            s
+        }
+    });
+    let mut first = [0.0; 3];
+    first[smallest] = 1.0;
+    let along = dot(first, normal) / dot(normal, normal).max(f64::MIN_POSITIVE);
+    for i in 0..3 {
+        first[i] -= along * normal[i];
+    }
+    let second = [0, 1, 2].map(|i: usize| {
+        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+        normal[j] * first[k] - normal[k] * first[j]
+    });
+    let length = |v: [f64; 3]| dot(v, v).sqrt().max(f64::MIN_POSITIVE);
+    let mut x = vec![0.0; 2 * n];
+    for (v, &p) in mesh.vertices().iter().enumerate() {
+        x[v] = dot(p, first) / length(first);
+        x[n + v] = dot(p, second) / length(second);
+    }
+    x
+}
+
+/// Moves the border's mean to the origin and its norm to one.
+fn normalise(x: &mut [f64], border: &[usize], n: usize) {
+    for part in [0, n] {
+        let mean = border.iter().map(|&v| x[part + v]).sum::<f64>() / border.len() as f64;
+        x[part..part + n]
+            .iter_mut()
+            .for_each(|value| *value -= mean);
+    }
+    let norm = border
+        .iter()
+        .map(|&v| x[v] * x[v] + x[n + v] * x[n + v])
+        .sum::<f64>()
+        .sqrt();
+    x.iter_mut().for_each(|value| *value /= norm);
+}
+
+/// Turns the map to the previous one: each eigenvalue is double, since the rotation of a map
+/// has the same energy.
+fn align(x: &mut [f64], previous: &[f64], n: usize) {
+    let (mut cosine, mut sine) = (0.0, 0.0);
+    for v in 0..n {
+        cosine += x[v] * previous[v] + x[n + v] * previous[n + v];
+        sine += x[v] * previous[n + v] - x[n + v] * previous[v];
+    }
+    let norm = cosine.hypot(sine);
+    if norm > 0.0 {
+        for v in 0..n {
+            let (a, b) = (x[v], x[n + v]);
+            x[v] = (cosine * a - sine * b) / norm;
+            x[n + v] = (sine * a + cosine * b) / norm;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::distance;
+    use crate::mesh::tests::{grid, torus};
+
+    #[test]
+    fn plane_is_kept() {
+        let mesh = grid(12, 9, |_, _| 0.0);
+        let uv = lscm(&mesh).unwrap();
+        for &[a, b] in mesh.edges() {
+            let [p, q] = [a, b].map(|v| mesh.vertices()[v as usize]);
+            let [s, t] = [a, b].map(|v| uv[v as usize]);
+            let flat = ((s[0] - t[0]).powi(2) + (s[1] - t[1]).powi(2)).sqrt();
+            assert!((flat - distance(p, q)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn developable_cylinder_is_unrolled() {
+        let mesh = grid(40, 20, |_, _| 0.0);
+        let bent: Vec<[f64; 3]> = mesh
+            .vertices()
+            .iter()
+            .map(|p| [(2.0 * p[0]).sin() / 2.0, p[1], (2.0 * p[0]).cos() / 2.0])
+            .collect();
+        let faces: Vec<[i64; 3]> = mesh.faces().iter().map(|f| f.map(i64::from)).collect();
+        let bent = TriangleMesh::new(bent, &faces).unwrap();
+        let uv = lscm(&bent).unwrap();
+        let diagonal = ((uv[0][0] - uv[860][0]).powi(2) + (uv[0][1] - uv[860][1]).powi(2)).sqrt();
+        assert!((diagonal - 2_f64.sqrt()).abs() < 1e-3, "{diagonal}");
+    }
+
+    #[test]
+    fn closed_surface_is_refused() {
+        assert!(matches!(
+            lscm(&torus(12, 8, 0.3)),
+            Err(Error::Topology { .. })
+        ));
+    }
+}

@@ -1,0 +1,96 @@
+//! Area of the positive phase, equations (2) and (10).
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::Functional;
+use crate::CHUNK;
+use crate::error::{Error, Result, check_length, check_vector, check_weight};
+use crate::mesh::TriangleMesh;
+use crate::potentials::{chi, chi_prime};
+
+/// A_alpha\[u\] = m^T (w . chi(u)), equations (2) and (10): the area of the positive phase, within
+/// the parent's indicator w (w = 1 on the first level).
+#[derive(Debug)]
+pub struct Area {
+    delta: f64,
+    measure: Vec<f64>,
+}
+
+impl Area {
+    /// # Errors
+    /// `delta` outside [0, 1), `weight` of another length or outside [0, 1].
+    pub fn new(mesh: &Arc<TriangleMesh>, delta: f64, weight: Option<&[f64]>) -> Result<Self> {
+        if !(0.0..1.0).contains(&delta) {
+            return Err(Error::Parameter {
+                argument: "delta",
+                value: delta,
+                expected: "in [0, 1)",
+            });
+        }
+        let mut measure = mesh.mass().to_vec();
+        if let Some(weight) = weight {
+            check_weight("weight", weight, mesh.n_vertices())?;
+            measure.iter_mut().zip(weight).for_each(|(m, w)| *m *= w);
+        }
+        Ok(Self { delta, measure })
+    }
+
+    /// The area of both phases together, m^T w.
+    pub fn total(&self) -> f64 {
+        self.measure.iter().sum()
+    }
+}
+
+impl Functional for Area {
+    fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
+        check_vector("u", u, self.measure.len())?;
+        check_length("gradient", gradient.len(), u.len())?;
+        let delta = self.delta;
+        let sums: Vec<f64> = gradient
+            .par_chunks_mut(CHUNK)
+            .zip(u.par_chunks(CHUNK))
+            .zip(self.measure.par_chunks(CHUNK))
+            .map(|((gradient, u), measure)| {
+                let mut sum = 0.0;
+                for ((g, &u), &m) in gradient.iter_mut().zip(u).zip(measure) {
+                    *g = m * chi_prime(u, delta);
+                    sum += m * chi(u, delta);
+                }
+                sum
+            })
+            .collect();
+        Ok(sums.iter().sum())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{check_gradient, noise};
+    use super::*;
+    use crate::mesh::tests::grid;
+
+    #[test]
+    fn phases_share_the_surface() {
+        let mesh = Arc::new(grid(20, 20, |x, y| x * y));
+        let area = Area::new(&mesh, 0.01, None).unwrap();
+        let u = noise(mesh.n_vertices());
+        let minus: Vec<f64> = u.iter().map(|x| -x).collect();
+        let mut gradient = vec![0.0; u.len()];
+        let positive = area.value_and_gradient(&u, &mut gradient).unwrap();
+        let negative = area.value_and_gradient(&minus, &mut gradient).unwrap();
+        assert!((positive + negative - mesh.area()).abs() < 1e-13);
+        check_gradient(&area, &u, 1e-7);
+    }
+
+    #[test]
+    fn bad_input_is_named() {
+        let mesh = Arc::new(grid(2, 2, |_, _| 0.0));
+        assert!(Area::new(&mesh, 1.0, None).is_err());
+        assert!(Area::new(&mesh, 0.0, Some(&[2.0; 9])).is_err());
+        let area = Area::new(&mesh, 0.0, None).unwrap();
+        let error = area.value_and_gradient(&[0.0; 3], &mut [0.0; 3]);
+        assert!(matches!(error, Err(Error::Length { argument: "u", .. })));
+    }
+}

@@ -1,0 +1,370 @@
+//! Connectedness of the phases, equation (3).
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rayon::prelude::*;
+
+use super::Functional;
+use crate::CHUNK;
+use crate::error::{Result, check_length, check_positive, check_vector, check_weight};
+use crate::graph::{Components, DualWeights, Search};
+use crate::mesh::{NONE, TriangleMesh};
+use crate::potentials::ConnectednessLaws;
+
+/// Paths through faces where the parent's indicator is smaller than this pay as if it were this.
+const INDICATOR_FLOOR: f64 = 1e-2;
+
+/// Which of C\[u\] (positive) and C\[-u\] (negative) a [`Connectedness`] evaluates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phases {
+    Both,
+    Positive,
+    Negative,
+}
+
+/// C\[u\] = sum over ordered pairs of components i != j of W_i W_j d_ij, equation (3), discretised
+/// after Dondl and Wojtowytsch (2018).
+///
+/// Components are those of the faces with value at least a = 1 - sqrt(epsilon), a face's value
+/// the mean of its corners. W_i is the integral of H over component i, d_ij the length of the
+/// shortest dual path with edge weight mean F x mean diameter. Within a parent's indicator w, H
+/// is weighted with w and the dual edge weight divided by it. The gradient is the H' part inside
+/// the components plus the F' part along each shortest path.
+#[derive(Debug)]
+pub struct Connectedness {
+    mesh: Arc<TriangleMesh>,
+    laws: ConnectednessLaws,
+    phases: Phases,
+    /// area x mean w of every face
+    measure: Vec<f64>,
+    /// (D_f + D_g) / 4 / w of every half-edge, so that the weight is (F_f + F_g) scale
+    scale: Vec<[f64; 3]>,
+    workspaces: Mutex<[Workspace; 2]>,
+    searches: Mutex<Vec<Search>>,
+}
+
+/// The buffers of one phase's evaluation.
+#[derive(Debug, Default)]
+struct Workspace {
+    price: Vec<f64>,
+    face_gradient: Vec<f64>,
+    values: Vec<f64>,
+    components: Components,
+    masses: Vec<f64>,
+    /// components of positive mass, ascending
+    active: Vec<u32>,
+    potential: Vec<f64>,
+    results: Vec<SourceResult>,
+}
+
+/// What the search from one component found.
+#[derive(Debug, Default)]
+struct SourceResult {
+    coefficients: Vec<(u32, f64)>,
+    distances: Vec<f64>,
+    path_terms: Vec<(u32, f64)>,
+}
+
+impl Connectedness {
+    /// # Errors
+    /// `epsilon` that is not positive, `weight` of another length or outside [0, 1].
+    pub fn new(
+        mesh: Arc<TriangleMesh>,
+        epsilon: f64,
+        weight: Option<&[f64]>,
+        phases: Phases,
+    ) -> Result<Self> {
+        check_positive("epsilon", epsilon)?;
+        if let Some(weight) = weight {
+            check_weight("weight", weight, mesh.n_vertices())?;
+        }
+        let indicator: Vec<f64> = (0..mesh.n_faces())
+            .map(|f| weight.map_or(1.0, |w| mesh.face_mean(w, f)))
+            .collect();
+        let measure = mesh
+            .areas()
+            .iter()
+            .zip(&indicator)
+            .map(|(a, w)| a * w)
+            .collect();
+        let diameters = mesh.diameters();
+        let scale = mesh
+            .neighbours()
+            .iter()
+            .enumerate()
+            .map(|(f, across)| {
+                across.map(|g| {
+                    if g == NONE {
+                        return 0.0;
+                    }
+                    let g = g as usize;
+                    let w = (0.5 * (indicator[f] + indicator[g])).max(INDICATOR_FLOOR);
+                    0.25 * (diameters[f] + diameters[g]) / w
+                })
+            })
+            .collect();
+        Ok(Self {
+            mesh,
+            laws: ConnectednessLaws::new(epsilon),
+            phases,
+            measure,
+            scale,
+            workspaces: Mutex::default(),
+            searches: Mutex::default(),
+        })
+    }
+
+    /// Number of components of each phase at `u` that carry mass, (positive, negative).
+    ///
+    /// # Errors
+    /// As [`Functional::value_and_gradient`].
+    pub fn components(&self, u: &[f64]) -> Result<(usize, usize)> {
+        check_vector("u", u, self.mesh.n_vertices())?;
+        let count = |sign: f64| {
+            let mut workspace = Workspace::default();
+            self.find_components(u, sign, &mut workspace);
+            workspace.active.len()
+        };
+        Ok((count(1.0), count(-1.0)))
+    }
+
+    fn find_components(&self, u: &[f64], sign: f64, workspace: &mut Workspace) {
+        let mesh = &*self.mesh;
+        let laws = self.laws;
+        let m = mesh.n_faces();
+        workspace.values.resize(m, 0.0);
+        workspace.price.resize(m, 0.0);
+        workspace
+            .values
+            .par_chunks_mut(CHUNK)
+            .zip(workspace.price.par_chunks_mut(CHUNK))
+            .enumerate()
+            .for_each(|(chunk, (values, prices))| {
+                for (offset, (value, price)) in values.iter_mut().zip(prices).enumerate() {
+                    *value = sign * mesh.face_mean(u, chunk * CHUNK + offset);
+                    *price = laws.f(*value);
+                }
+            });
+        let values = &workspace.values;
+        let threshold = laws.threshold();
+        workspace
+            .components
+            .label(mesh, |f| values[f] >= threshold, |_, _| true);
+        workspace.masses.clear();
+        workspace.active.clear();
+        for c in 0..workspace.components.count() {
+            let mass: f64 = workspace
+                .components
+                .faces_of(c)
+                .iter()
+                .map(|&f| self.measure[f as usize] * laws.h(values[f as usize]))
+                .sum();
+            workspace.masses.push(mass);
+            if mass > 0.0 {
+                workspace.active.push(c as u32);
+            }
+        }
+    }
+
+    /// Evaluates one phase; leaves its derivative by the face values in `face_gradient`.
+    fn evaluate(&self, u: &[f64], sign: f64, workspace: &mut Workspace) -> f64 {
+        self.find_components(u, sign, workspace);
+        let m = self.mesh.n_faces();
+        workspace.face_gradient.clear();
+        workspace.face_gradient.resize(m, 0.0);
+        let Workspace {
+            price,
+            face_gradient,
+            values,
+            components,
+            masses,
+            active,
+            potential,
+            results,
+        } = workspace;
+        if active.len() < 2 {
+            return 0.0;
+        }
+        let n_sources = active.len() - 1;
+        if results.len() < n_sources {
+            results.resize_with(n_sources, SourceResult::default);
+        }
+        let weights = DualWeights {
+            price,
+            scale: &self.scale,
+        };
+        let (components, masses, active) = (&*components, &*masses, &*active);
+        results[..n_sources]
+            .par_iter_mut()
+            .enumerate()
+            .with_max_len(1)
+            .for_each(|(i, result)| {
+                let mut search = self.borrow_search();
+                let (source, targets) = (active[i], &active[i + 1..]);
+                search.run(&self.mesh, weights, components, source, targets);
+                result.distances.clear();
+                result.coefficients.clear();
+                result.path_terms.clear();
+                for &target in targets {
+                    let factor = 2.0 * masses[source as usize] * masses[target as usize];
+                    result
+                        .distances
+                        .push(search.distance_to(&self.mesh, target));
+                    result.coefficients.push((target, factor));
+                }
+                let terms = &mut result.path_terms;
+                search.accumulate_paths(
+                    &self.mesh,
+                    weights,
+                    components,
+                    &result.coefficients,
+                    |f, a| terms.push((f, a)),
+                );
+                self.return_search(search);
+            });
+
+        potential.clear();
+        potential.resize(components.count(), 0.0);
+        let mut value = 0.0;
+        for (i, result) in results[..n_sources].iter().enumerate() {
+            let source = active[i] as usize;
+            for (&(target, factor), &distance) in result.coefficients.iter().zip(&result.distances)
+            {
+                let target = target as usize;
+                value += factor * distance;
+                potential[source] += 2.0 * masses[target] * distance;
+                potential[target] += 2.0 * masses[source] * distance;
+            }
+            for &(f, a) in &result.path_terms {
+                let f = f as usize;
+                face_gradient[f] += a * self.laws.f_prime(values[f]);
+            }
+        }
+        for &c in active {
+            for &f in components.faces_of(c as usize) {
+                let f = f as usize;
+                face_gradient[f] +=
+                    potential[c as usize] * self.measure[f] * self.laws.h_prime(values[f]);
+            }
+        }
+        value
+    }
+
+    fn borrow_search(&self) -> Search {
+        self.searches
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .pop()
+            .unwrap_or_default()
+    }
+
+    fn return_search(&self, search: Search) {
+        self.searches
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(search);
+    }
+
+    fn scatter(&self, face_gradient: &[f64], factor: f64, gradient: &mut [f64]) {
+        for (face, &g) in self.mesh.faces().iter().zip(face_gradient) {
+            if g != 0.0 {
+                for &v in face {
+                    gradient[v as usize] += factor * g / 3.0;
+                }
+            }
+        }
+    }
+}
+
+impl Functional for Connectedness {
+    fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
+        check_vector("u", u, self.mesh.n_vertices())?;
+        check_length("gradient", gradient.len(), u.len())?;
+        gradient.fill(0.0);
+        let mut workspaces = self
+            .workspaces
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let [positive, negative] = &mut *workspaces;
+        let (first, second) = rayon::join(
+            || match self.phases {
+                Phases::Negative => None,
+                _ => Some(self.evaluate(u, 1.0, positive)),
+            },
+            || match self.phases {
+                Phases::Positive => None,
+                _ => Some(self.evaluate(u, -1.0, negative)),
+            },
+        );
+        if first.is_some() {
+            self.scatter(&positive.face_gradient, 1.0, gradient);
+        }
+        if second.is_some() {
+            self.scatter(&negative.face_gradient, -1.0, gradient);
+        }
+        Ok(first.unwrap_or(0.0) + second.unwrap_or(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::check_gradient;
+    use super::*;
+    use crate::mesh::tests::grid;
+
+    fn bumps(mesh: &TriangleMesh, height: f64) -> Vec<f64> {
+        let bump = |p: &[f64; 3], x: f64| {
+            let r2 = (p[0] - x).powi(2) + (p[1] - 0.5).powi(2);
+            (-r2 / 0.01).exp()
+        };
+        mesh.vertices()
+            .iter()
+            .map(|p| -0.6 + height * (bump(p, 0.2) + 0.9 * bump(p, 0.5) + bump(p, 0.8)))
+            .collect()
+    }
+
+    #[test]
+    fn gradients_with_three_components() {
+        let mesh = Arc::new(grid(40, 30, |x, y| 0.1 * (6.0 * x).sin() * y));
+        let functional = Connectedness::new(mesh.clone(), 0.04, None, Phases::Both).unwrap();
+        let u = bumps(&mesh, 1.8);
+        assert_eq!(functional.components(&u).unwrap().0, 3);
+        check_gradient(&functional, &u, 1e-5);
+        let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
+        let weighted = Connectedness::new(mesh, 0.04, Some(&weight), Phases::Both).unwrap();
+        check_gradient(&weighted, &u, 1e-5);
+    }
+
+    #[test]
+    fn zero_exactly_when_connected() {
+        let mesh = Arc::new(grid(20, 20, |_, _| 0.0));
+        let functional = Connectedness::new(mesh.clone(), 0.04, None, Phases::Both).unwrap();
+        let u: Vec<f64> = mesh.vertices().iter().map(|p| 4.0 * p[0] - 2.0).collect();
+        let mut gradient = vec![1.0; u.len()];
+        assert_eq!(
+            functional.value_and_gradient(&u, &mut gradient).unwrap(),
+            0.0
+        );
+        assert!(gradient.iter().all(|&g| g == 0.0));
+        assert!(
+            functional
+                .value_and_gradient(&bumps(&mesh, 1.8), &mut gradient)
+                .unwrap()
+                > 0.0
+        );
+    }
+
+    #[test]
+    fn phases_mirror() {
+        let mesh = Arc::new(grid(30, 30, |_, _| 0.0));
+        let positive = Connectedness::new(mesh.clone(), 0.04, None, Phases::Positive).unwrap();
+        let negative = Connectedness::new(mesh.clone(), 0.04, None, Phases::Negative).unwrap();
+        let u = bumps(&mesh, 1.8);
+        let minus: Vec<f64> = u.iter().map(|x| -x).collect();
+        let (mut a, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+        let first = positive.value_and_gradient(&u, &mut a).unwrap();
+        let second = negative.value_and_gradient(&minus, &mut b).unwrap();
+        assert_eq!(first, second);
+        assert!(a.iter().zip(&b).all(|(x, y)| *x == -*y));
+    }
+}

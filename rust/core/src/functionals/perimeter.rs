@@ -1,0 +1,138 @@
+//! Modica-Mortola perimeter, equations (1), (5) and, weighted, (7), (9).
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::Functional;
+use crate::CHUNK;
+use crate::error::{
+    Result, check_length, check_non_negative, check_positive, check_vector, check_weight,
+};
+use crate::mesh::TriangleMesh;
+use crate::operators::Stiffness;
+use crate::potentials::{psi, psi_prime};
+
+/// P\[u\] = eps/2 u^T S u + 1/eps m^T Psi(u), equation (5), and within a parent's indicator w
+/// P\[u\] = eps/2 u^T S^w u + 1/eps m^T ((w + eta) . Psi(u)) + 1/sigma m^T ((1 - w) . u^2),
+/// equations (7), (9).
+///
+/// The sharp limit is sqrt(2) times the length of the interface.
+#[derive(Debug)]
+pub struct Perimeter {
+    mesh: Arc<TriangleMesh>,
+    epsilon: f64,
+    stiffness: Stiffness,
+    /// m (w + eta) / eps
+    well: Vec<f64>,
+    /// m (1 - w) / sigma; empty without a parent
+    confinement: Vec<f64>,
+}
+
+impl Perimeter {
+    /// The perimeter on the whole surface, equation (5).
+    ///
+    /// # Errors
+    /// `epsilon` that is not positive.
+    pub fn new(mesh: Arc<TriangleMesh>, epsilon: f64) -> Result<Self> {
+        check_positive("epsilon", epsilon)?;
+        Ok(Self {
+            epsilon,
+            stiffness: Stiffness::new(&mesh),
+            well: mesh.mass().iter().map(|m| m / epsilon).collect(),
+            confinement: Vec::new(),
+            mesh,
+        })
+    }
+
+    /// The perimeter within the parent's indicator `weight`, equation (9).
+    ///
+    /// # Errors
+    /// `epsilon` or `sigma` that is not positive, `eta` that is negative, `weight` of another
+    /// length or outside [0, 1].
+    pub fn weighted(
+        mesh: Arc<TriangleMesh>,
+        epsilon: f64,
+        weight: &[f64],
+        eta: f64,
+        sigma: f64,
+    ) -> Result<Self> {
+        check_positive("epsilon", epsilon)?;
+        check_positive("sigma", sigma)?;
+        check_non_negative("eta", eta)?;
+        check_weight("weight", weight, mesh.n_vertices())?;
+        let mass = mesh.mass().iter().zip(weight);
+        Ok(Self {
+            epsilon,
+            stiffness: Stiffness::weighted(&mesh, weight, eta),
+            well: mass.clone().map(|(m, w)| m * (w + eta) / epsilon).collect(),
+            confinement: mass.map(|(m, w)| m * (1.0 - w) / sigma).collect(),
+            mesh,
+        })
+    }
+}
+
+impl Functional for Perimeter {
+    fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
+        check_vector("u", u, self.mesh.n_vertices())?;
+        check_length("gradient", gradient.len(), u.len())?;
+        let pattern = self.mesh.pattern();
+        let values = self.stiffness.values();
+        let sums: Vec<f64> = gradient
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .map(|(chunk, gradient)| {
+                let first = chunk * CHUNK;
+                let mut sum = 0.0;
+                for (offset, g) in gradient.iter_mut().enumerate() {
+                    let i = first + offset;
+                    let ui = u[i];
+                    let flux = self.epsilon * pattern.apply_row(values, u, i);
+                    sum += 0.5 * ui * flux + self.well[i] * psi(ui);
+                    *g = flux + self.well[i] * psi_prime(ui);
+                }
+                if !self.confinement.is_empty() {
+                    for (offset, g) in gradient.iter_mut().enumerate() {
+                        let force = self.confinement[first + offset] * u[first + offset];
+                        sum += force * u[first + offset];
+                        *g += 2.0 * force;
+                    }
+                }
+                sum
+            })
+            .collect();
+        Ok(sums.iter().sum())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{check_gradient, noise};
+    use super::*;
+    use crate::mesh::tests::grid;
+
+    #[test]
+    fn straight_interface_has_sqrt_two_times_its_length() {
+        let mesh = Arc::new(grid(200, 20, |_, _| 0.0));
+        let epsilon = 0.04;
+        let perimeter = Perimeter::new(mesh.clone(), epsilon).unwrap();
+        let u: Vec<f64> = mesh
+            .vertices()
+            .iter()
+            .map(|p| (3.0 * (p[0] - 0.5) / (2.0 * 2_f64.sqrt() * epsilon)).tanh())
+            .collect();
+        let mut gradient = vec![0.0; u.len()];
+        let value = perimeter.value_and_gradient(&u, &mut gradient).unwrap();
+        assert!((value - 2_f64.sqrt()).abs() < 5e-3, "{value}");
+    }
+
+    #[test]
+    fn gradients() {
+        let mesh = Arc::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y));
+        let u = noise(mesh.n_vertices());
+        check_gradient(&Perimeter::new(mesh.clone(), 0.1).unwrap(), &u, 1e-7);
+        let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
+        let weighted = Perimeter::weighted(mesh, 0.1, &weight, 1e-3, 0.5).unwrap();
+        check_gradient(&weighted, &u, 1e-7);
+    }
+}

@@ -1,0 +1,103 @@
+//! Connected components of a set of faces over the edges of the dual graph.
+
+use crate::mesh::{NONE, TriangleMesh};
+
+/// Components of a set of faces, numbered by their first face.
+#[derive(Debug, Default, Clone)]
+pub struct Components {
+    /// Component of each face, [`NONE`] outside the set.
+    pub labels: Vec<u32>,
+    /// The faces by component: those of `c` are `faces[starts[c]..starts[c + 1]]`.
+    pub faces: Vec<u32>,
+    pub starts: Vec<usize>,
+}
+
+impl Components {
+    pub fn count(&self) -> usize {
+        self.starts.len().saturating_sub(1)
+    }
+
+    pub fn faces_of(&self, component: usize) -> &[u32] {
+        &self.faces[self.starts[component]..self.starts[component + 1]]
+    }
+
+    /// Labels the components of the faces that `same` joins across an edge: `inside(f)` says
+    /// whether the face belongs to the set, `joined(f, g)` whether two neighbours of it connect.
+    pub fn label(
+        &mut self,
+        mesh: &TriangleMesh,
+        inside: impl Fn(usize) -> bool,
+        joined: impl Fn(usize, usize) -> bool,
+    ) {
+        let m = mesh.n_faces();
+        self.labels.clear();
+        self.labels.resize(m, NONE);
+        self.faces.clear();
+        self.starts.clear();
+        self.starts.push(0);
+        for seed in 0..m {
+            if self.labels[seed] != NONE || !inside(seed) {
+                continue;
+            }
+            let label = self.count() as u32;
+            let mut head = self.faces.len();
+            self.labels[seed] = label;
+            self.faces.push(seed as u32);
+            while let Some(&f) = self.faces.get(head) {
+                head += 1;
+                for g in mesh.neighbours()[f as usize] {
+                    if g != NONE
+                        && self.labels[g as usize] == NONE
+                        && inside(g as usize)
+                        && joined(f as usize, g as usize)
+                    {
+                        self.labels[g as usize] = label;
+                        self.faces.push(g);
+                    }
+                }
+            }
+            self.starts.push(self.faces.len());
+        }
+    }
+}
+
+/// Components of equal labels: two neighbouring faces connect where `labels` agree.
+pub fn label_components(mesh: &TriangleMesh, labels: &[i64]) -> Components {
+    let mut components = Components::default();
+    components.label(mesh, |_| true, |f, g| labels[f] == labels[g]);
+    components
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::tests::grid;
+
+    #[test]
+    fn stripes() {
+        let mesh = grid(9, 4, |_, _| 0.0);
+        let labels: Vec<i64> = mesh
+            .faces()
+            .iter()
+            .map(|f| {
+                let x = f
+                    .iter()
+                    .map(|&v| mesh.vertices()[v as usize][0])
+                    .sum::<f64>();
+                ((x * 3.0) as i64 / 3) % 2
+            })
+            .collect();
+        let components = label_components(&mesh, &labels);
+        assert_eq!(components.count(), 3);
+        assert_eq!(components.faces.len(), mesh.n_faces());
+        for c in 0..components.count() {
+            let first = components.faces_of(c)[0] as usize;
+            assert!(
+                components
+                    .faces_of(c)
+                    .iter()
+                    .all(|&f| labels[f as usize] == labels[first])
+            );
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Phase-field segmentation of triangle surfaces: operators, functionals, flattening.
+//!
+//! The equations are those of "A Phase-field Approach to Variational Hierarchical Surface
+//! Segmentation". Where each one lives:
+//!
+//! | equation | what | file |
+//! |---|---|---|
+//! | (1), (5) | Modica-Mortola perimeter | [`functionals::perimeter`] |
+//! | (7), (9) | perimeter weighted with the parent's indicator | [`functionals::perimeter`] |
+//! | (2), (10) | area of a phase, within the parent | [`functionals::area`] |
+//! | (3) | connectedness | [`functionals::connectedness`] |
+//! | section 3 | the scalar laws Psi, chi, F, H | [`potentials`] |
+//! | section 3 | stiffness and lumped mass | [`operators`], [`mesh`] |
+//! | section 4 | chart maps (least-squares conformal) | [`flatten`] |
+//!
+//! Every functional has one shape, [`functionals::Functional`]. What depends on the surface
+//! alone is built once, in [`mesh::TriangleMesh`]. Results do not depend on the number of
+//! threads: sums run over chunks of fixed size and are added in a fixed order.
+
+pub mod error;
+pub mod flatten;
+pub mod functionals;
+pub mod graph;
+pub mod linear;
+pub mod mesh;
+pub mod operators;
+pub mod potentials;
+pub mod raster;
+
+pub use error::{Error, Result};
+pub use mesh::TriangleMesh;
+
+/// Vertices (or faces) that one task handles; sums over chunks are added in order, which makes
+/// every result independent of the number of threads.
+pub(crate) const CHUNK: usize = 4096;

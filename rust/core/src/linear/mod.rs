@@ -1,0 +1,5 @@
+//! Sparse linear solvers.
+
+pub mod cholesky;
+
+pub use cholesky::{Cholesky, Factorisation};

@@ -1,0 +1,133 @@
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
+use phaseatlas_core::functionals::{self as core, Functional, Phases};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::mesh::TriangleMesh;
+use crate::to_python;
+
+fn evaluate<'py>(
+    py: Python<'py>,
+    functional: &dyn Functional,
+    u: &PyReadonlyArray1<'_, f64>,
+) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+    let u = u.as_slice()?;
+    let gradient = PyArray1::zeros(py, u.len(), false);
+    let mut borrowed = gradient.readwrite();
+    let entries = borrowed.as_slice_mut()?;
+    let value = py
+        .detach(|| functional.value_and_gradient(u, entries))
+        .map_err(to_python)?;
+    drop(borrowed);
+    Ok((value, gradient))
+}
+
+#[pyclass(frozen, module = "phaseatlas._core")]
+pub struct Perimeter(core::Perimeter);
+
+#[pymethods]
+impl Perimeter {
+    #[new]
+    #[pyo3(signature = (mesh, epsilon, weight=None, eta=0.0, sigma=1.0))]
+    fn new(
+        mesh: &TriangleMesh,
+        epsilon: f64,
+        weight: Option<PyReadonlyArray1<'_, f64>>,
+        eta: f64,
+        sigma: f64,
+    ) -> PyResult<Self> {
+        let mesh = mesh.core.clone();
+        match weight {
+            None => core::Perimeter::new(mesh, epsilon),
+            Some(weight) => {
+                core::Perimeter::weighted(mesh, epsilon, weight.as_slice()?, eta, sigma)
+            }
+        }
+        .map(Self)
+        .map_err(to_python)
+    }
+
+    fn value_and_gradient<'py>(
+        &self,
+        py: Python<'py>,
+        u: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+        evaluate(py, &self.0, &u)
+    }
+}
+
+#[pyclass(frozen, module = "phaseatlas._core")]
+pub struct Area(core::Area);
+
+#[pymethods]
+impl Area {
+    #[new]
+    #[pyo3(signature = (mesh, delta, weight=None))]
+    fn new(
+        mesh: &TriangleMesh,
+        delta: f64,
+        weight: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<Self> {
+        let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
+        core::Area::new(&mesh.core, delta, weight)
+            .map(Self)
+            .map_err(to_python)
+    }
+
+    #[getter]
+    fn total(&self) -> f64 {
+        self.0.total()
+    }
+
+    fn value_and_gradient<'py>(
+        &self,
+        py: Python<'py>,
+        u: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+        evaluate(py, &self.0, &u)
+    }
+}
+
+#[pyclass(frozen, module = "phaseatlas._core")]
+pub struct Connectedness(core::Connectedness);
+
+#[pymethods]
+impl Connectedness {
+    #[new]
+    #[pyo3(signature = (mesh, epsilon, weight=None, phase="both"))]
+    fn new(
+        mesh: &TriangleMesh,
+        epsilon: f64,
+        weight: Option<PyReadonlyArray1<'_, f64>>,
+        phase: &str,
+    ) -> PyResult<Self> {
+        let phases = match phase {
+            "both" => Phases::Both,
+            "positive" => Phases::Positive,
+            "negative" => Phases::Negative,
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "phase: {other:?} must be \"both\", \"positive\" or \"negative\""
+                )));
+            }
+        };
+        let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
+        core::Connectedness::new(mesh.core.clone(), epsilon, weight, phases)
+            .map(Self)
+            .map_err(to_python)
+    }
+
+    fn value_and_gradient<'py>(
+        &self,
+        py: Python<'py>,
+        u: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+        evaluate(py, &self.0, &u)
+    }
+
+    /// Components with mass of the positive and of the negative phase.
+    fn components(&self, py: Python<'_>, u: PyReadonlyArray1<'_, f64>) -> PyResult<(usize, usize)> {
+        let u = u.as_slice()?;
+        py.detach(|| self.0.components(u)).map_err(to_python)
+    }
+}

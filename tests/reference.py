@@ -1,0 +1,301 @@
+"""Slow, obvious NumPy twins of the discrete equations.
+
+Everything takes plain arrays: ``vertices`` (n, 3) float, ``faces`` (m, 3) int, ``u`` and ``weight``
+(n,). The functionals return ``(value, gradient)``. Nothing here is shared with the package, so that
+the two agree only if both follow the equations.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+
+# --------------------------------------------------------------------------------------------------
+# scalar laws
+# --------------------------------------------------------------------------------------------------
+
+
+def psi(u):
+    """Double well of the Modica-Mortola functional, 9/16 (u^2 - 1)^2."""
+    u = np.asarray(u, dtype=float)
+    return 9.0 / 16.0 * (u**2 - 1.0) ** 2
+
+
+def psi_derivative(u):
+    u = np.asarray(u, dtype=float)
+    return 9.0 / 4.0 * u * (u**2 - 1.0)
+
+
+def chi(u, delta=0.0):
+    """Smooth indicator of the positive phase: cubic on |u| <= 1 - delta, constant outside."""
+    u = np.asarray(u, dtype=float)
+    b = 1.0 - delta
+    cubic = (u + b) ** 2 * (2.0 * b - u) / (4.0 * b**3)
+    return np.where(u <= -b, 0.0, np.where(u >= b, 1.0, cubic))
+
+
+def chi_derivative(u, delta=0.0):
+    u = np.asarray(u, dtype=float)
+    b = 1.0 - delta
+    return np.where(np.abs(u) >= b, 0.0, 3.0 * (b + u) * (b - u) / (4.0 * b**3))
+
+
+def threshold(epsilon):
+    """The value a = 1 - sqrt(epsilon) that separates the supports of F and H."""
+    return 1.0 - math.sqrt(epsilon)
+
+
+def path_cost(u, epsilon):
+    """F: the price of a path where the phase is absent; zero for u >= a."""
+    u = np.asarray(u, dtype=float)
+    return np.minimum(u - threshold(epsilon), 0.0) ** 2
+
+
+def path_cost_derivative(u, epsilon):
+    u = np.asarray(u, dtype=float)
+    return 2.0 * np.minimum(u - threshold(epsilon), 0.0)
+
+
+def bump(u, epsilon):
+    """H: the amount of phase; zero for u <= a, one for u >= 1, smooth cubic between."""
+    t = np.clip((np.asarray(u, dtype=float) - threshold(epsilon)) / math.sqrt(epsilon), 0.0, 1.0)
+    return t**2 * (3.0 - 2.0 * t)
+
+
+def bump_derivative(u, epsilon):
+    t = np.clip((np.asarray(u, dtype=float) - threshold(epsilon)) / math.sqrt(epsilon), 0.0, 1.0)
+    return 6.0 * t * (1.0 - t) / math.sqrt(epsilon)
+
+
+# --------------------------------------------------------------------------------------------------
+# geometry and operators
+# --------------------------------------------------------------------------------------------------
+
+
+def face_areas(vertices, faces):
+    areas = np.empty(len(faces))
+    for f, (i, j, k) in enumerate(faces):
+        areas[f] = 0.5 * np.linalg.norm(
+            np.cross(vertices[j] - vertices[i], vertices[k] - vertices[i])
+        )
+    return areas
+
+
+def face_diameters(vertices, faces):
+    """Longest edge of every face."""
+    diameters = np.empty(len(faces))
+    for f, (i, j, k) in enumerate(faces):
+        diameters[f] = max(
+            np.linalg.norm(vertices[j] - vertices[i]),
+            np.linalg.norm(vertices[k] - vertices[j]),
+            np.linalg.norm(vertices[i] - vertices[k]),
+        )
+    return diameters
+
+
+def face_neighbours(faces):
+    """(m, 3): the face across edge (f[k], f[(k+1) % 3]); -1 at the border."""
+    owner = {}
+    for f, face in enumerate(faces):
+        for k in range(3):
+            owner[int(face[k]), int(face[(k + 1) % 3])] = f
+    neighbours = np.full((len(faces), 3), -1)
+    for f, face in enumerate(faces):
+        for k in range(3):
+            # A consistently oriented neighbour runs through the common edge backwards.
+            neighbours[f, k] = owner.get((int(face[(k + 1) % 3]), int(face[k])), -1)
+    return neighbours
+
+
+def boundary_vertices(vertices, faces):
+    """Boolean mask (n,) of the vertices on a border edge."""
+    on_border = np.zeros(len(vertices), dtype=bool)
+    for face, around in zip(faces, face_neighbours(faces), strict=True):
+        for k in range(3):
+            if around[k] < 0:
+                on_border[[face[k], face[(k + 1) % 3]]] = True
+    return on_border
+
+
+def lumped_mass(vertices, faces):
+    """A third of the area of the faces around every vertex."""
+    mass = np.zeros(len(vertices))
+    for face, area in zip(faces, face_areas(vertices, faces), strict=True):
+        mass[face] += area / 3.0
+    return mass
+
+
+def angle_defects(vertices, faces):
+    """Integrated curvature: 2 pi minus the angles inside, pi minus the angles on the border."""
+    defects = np.where(boundary_vertices(vertices, faces), math.pi, 2.0 * math.pi)
+    for face in faces:
+        for k in range(3):
+            p, q, r = vertices[face[k]], vertices[face[(k + 1) % 3]], vertices[face[(k + 2) % 3]]
+            a, b = q - p, r - p
+            defects[face[k]] -= math.atan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b))
+    return defects
+
+
+def weighted_stiffness(vertices, faces, weight):
+    """Dense matrix of int w grad theta_i . grad theta_j, w taken at the face centroid."""
+    matrix = np.zeros((len(vertices), len(vertices)))
+    for face in faces:
+        w = np.mean(weight[face])
+        # The hat gradient of corner i is the opposite edge, turned by 90 degrees, over 2 area; the
+        # turn drops out of the products.
+        opposite = vertices[np.roll(face, -2)] - vertices[np.roll(face, -1)]
+        area = 0.5 * np.linalg.norm(np.cross(opposite[0], opposite[1]))
+        matrix[np.ix_(face, face)] += w * (opposite @ opposite.T) / (4.0 * area)
+    return matrix
+
+
+def stiffness(vertices, faces):
+    return weighted_stiffness(vertices, faces, np.ones(len(vertices)))
+
+
+# --------------------------------------------------------------------------------------------------
+# functionals
+# --------------------------------------------------------------------------------------------------
+
+
+def perimeter(vertices, faces, u, epsilon):
+    """Equation (5)."""
+    s = stiffness(vertices, faces)
+    m = lumped_mass(vertices, faces)
+    value = 0.5 * epsilon * u @ (s @ u) + m @ psi(u) / epsilon
+    gradient = epsilon * (s @ u) + m * psi_derivative(u) / epsilon
+    return value, gradient
+
+
+def weighted_perimeter(vertices, faces, u, epsilon, weight, eta=0.0, sigma=None):
+    """Discrete form of (7); eta = 0 gives (9)."""
+    s = weighted_stiffness(vertices, faces, weight + eta)
+    m = lumped_mass(vertices, faces)
+    value = 0.5 * epsilon * u @ (s @ u) + m @ ((weight + eta) * psi(u)) / epsilon
+    gradient = epsilon * (s @ u) + m * (weight + eta) * psi_derivative(u) / epsilon
+    if sigma is not None:
+        value += m @ ((1.0 - weight) * u**2) / sigma
+        gradient = gradient + 2.0 * m * (1.0 - weight) * u / sigma
+    return value, gradient
+
+
+def area(vertices, faces, u, delta, weight=None):
+    """Equation (2), or with a weight the constraint of (10)."""
+    m = lumped_mass(vertices, faces)
+    w = np.ones(len(vertices)) if weight is None else weight
+    return m @ (w * chi(u, delta)), m * w * chi_derivative(u, delta)
+
+
+def face_means(faces, values):
+    return np.array([np.mean(values[face]) for face in faces])
+
+
+def components(faces, u, epsilon):
+    """Label (m,) of the connected set of faces with mean value >= a; -1 for the other faces."""
+    inside = face_means(faces, u) >= threshold(epsilon)
+    neighbours = face_neighbours(faces)
+    labels = np.full(len(faces), -1)
+    count = 0
+    for seed in range(len(faces)):
+        if not inside[seed] or labels[seed] >= 0:
+            continue
+        labels[seed] = count
+        stack = [seed]
+        while stack:
+            for g in neighbours[stack.pop()]:
+                if g >= 0 and inside[g] and labels[g] < 0:
+                    labels[g] = count
+                    stack.append(g)
+        count += 1
+    return labels
+
+
+def dual_edge_factors(vertices, faces, weight=None, floor=1e-2):
+    """For every face the list of (neighbour, mean diameter / max(mean weight, floor))."""
+    diameters = face_diameters(vertices, faces)
+    w = np.ones(len(faces)) if weight is None else face_means(faces, weight)
+    edges = []
+    for f, around in enumerate(face_neighbours(faces)):
+        edges.append(
+            [
+                (
+                    int(g),
+                    0.5 * (diameters[f] + diameters[g]) / max(0.5 * (w[f] + w[g]), floor),
+                )
+                for g in around
+                if g >= 0
+            ]
+        )
+    return edges
+
+
+def shortest_paths(edges, cost, sources):
+    """Distance and predecessor of every face from a set of faces.
+
+    Dual edges cost mean(cost) * factor; those inside a component cost nothing, as F vanishes there.
+    """
+    distance = [math.inf] * len(edges)
+    predecessor = [-1] * len(edges)
+    heap = []
+    for f in sources:
+        distance[f] = 0.0
+        heap.append((0.0, int(f)))
+    heapq.heapify(heap)
+    while heap:
+        d, f = heapq.heappop(heap)
+        if d > distance[f]:
+            continue
+        for g, factor in edges[f]:
+            candidate = d + 0.5 * (cost[f] + cost[g]) * factor
+            if candidate < distance[g]:
+                distance[g] = candidate
+                predecessor[g] = f
+                heapq.heappush(heap, (candidate, g))
+    return distance, predecessor
+
+
+def connectedness(vertices, faces, u, epsilon, weight=None, floor=1e-2):
+    """Equation (3) for the positive phase: sum over ordered pairs i != j of W_i W_j d_ij."""
+    labels = components(faces, u, epsilon)
+    count = labels.max() + 1
+    gradient = np.zeros(len(vertices))
+    if count < 2:
+        return 0.0, gradient
+
+    values = face_means(faces, u)
+    w = np.ones(len(faces)) if weight is None else face_means(faces, weight)
+    areas = face_areas(vertices, faces)
+    phase = areas * w * bump(values, epsilon)
+    phase_slope = areas * w * bump_derivative(values, epsilon)
+    totals = [phase[labels == i].sum() for i in range(count)]
+
+    cost = path_cost(values, epsilon).tolist()
+    cost_slope = path_cost_derivative(values, epsilon)
+    edges = dual_edge_factors(vertices, faces, weight, floor)
+
+    value = 0.0
+    per_total = np.zeros(count)  # dC / dW_i
+    per_face = np.zeros(len(faces))  # dC / du_f
+    for i in range(count - 1):
+        distance, predecessor = shortest_paths(edges, cost, np.flatnonzero(labels == i))
+        for j in range(i + 1, count):
+            end = min(np.flatnonzero(labels == j), key=lambda f: distance[f])
+            d = distance[end]
+            # The pair (i, j) stands for (j, i) as well.
+            value += 2.0 * totals[i] * totals[j] * d
+            per_total[i] += 2.0 * totals[j] * d
+            per_total[j] += 2.0 * totals[i] * d
+            f = end
+            while predecessor[f] >= 0:
+                g = predecessor[f]
+                factor = dict(edges[f])[g]
+                per_face[f] += totals[i] * totals[j] * factor * cost_slope[f]
+                per_face[g] += totals[i] * totals[j] * factor * cost_slope[g]
+                f = g
+    for f in range(len(faces)):
+        if labels[f] >= 0:
+            per_face[f] += per_total[labels[f]] * phase_slope[f]
+        gradient[faces[f]] += per_face[f] / 3.0
+    return value, gradient

@@ -1,0 +1,176 @@
+"""Metrics of UV layouts against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from phaseatlas import datasets
+from phaseatlas.metrics import atlas_metrics, uv_topology, yamabe_factors
+from phaseatlas.surface import Surface
+
+SMALL = {"resolution": 256}
+
+
+def flat(surface):
+    """The sheet's own plane as UV."""
+    return surface.vertices[surface.faces][..., :2].copy()
+
+
+def hemisphere(cells):
+    """Square grid wrapped onto the upper half of the unit sphere."""
+    surface = datasets.sheet(cells, cells, size=(2.0, 2.0))
+    square = surface.vertices[:, :2] - 1.0
+    norm = np.linalg.norm(square, axis=1)
+    polar = 0.5 * math.pi * np.abs(square).max(axis=1)
+    direction = square / np.where(norm > 0.0, norm, 1.0)[:, None]
+    ring = direction * np.sin(polar)[:, None]
+    sphere = Surface(np.column_stack([ring, np.cos(polar)]), surface.faces)
+    return sphere, flat(surface)
+
+
+def unrolled(surface, n_around, n_along, radius):
+    """A cylinder cut along its first column and laid flat at the length of its chords."""
+    column, row = np.divmod(surface.faces, n_along + 1)
+    column = np.where((column == 0) & (column.max(axis=1) > 1)[:, None], n_around, column)
+    chord = 2.0 * radius * math.sin(math.pi / n_around)
+    heights = surface.vertices[surface.faces][..., 2]
+    assert row.max() == n_along
+    return np.stack([column * chord, heights], axis=-1)
+
+
+def test_isometric_sheet():
+    surface = datasets.sheet(12, 9, size=(2.0, 2.0))
+    metrics = atlas_metrics(surface, 3.0 * flat(surface) + 5.0, **SMALL)
+    expected = {
+        "charts": 1,
+        "non_disk": 0,
+        "seam": 0.0,
+        "yamabe": 0.0,
+        "qc": 1.0,
+        "hencky": 0.0,
+        "l2": 1.0,
+        "degenerate": 0,
+        "flips": 0,
+        "overlap": 0.0,
+        "packing": 100.0,
+    }
+    assert set(metrics) == set(expected)
+    assert metrics == pytest.approx(expected, abs=1e-12)
+
+
+def test_stretched_sheet():
+    surface = datasets.sheet(6, 6)
+    metrics = atlas_metrics(surface, flat(surface) * [2.0, 0.5], **SMALL)
+    assert metrics["qc"] == pytest.approx(4.0)
+    assert metrics["hencky"] == pytest.approx(0.0, abs=1e-14)
+    assert metrics["l2"] == pytest.approx(math.sqrt(0.5 * (2.0**-2 + 0.5**-2)))
+    assert metrics["packing"] == pytest.approx(25.0)
+
+
+def test_two_charts_of_different_scale():
+    surface = datasets.sheet(8, 4, size=(2.0, 1.0))
+    uv = flat(surface)
+    right = uv[:, :, 0].mean(axis=1) > 1.0
+    uv[right] = math.e * uv[right]
+    metrics = atlas_metrics(surface, uv, **SMALL)
+    assert metrics["charts"] == 2
+    assert metrics["non_disk"] == 0
+    assert metrics["seam"] == pytest.approx(1.0 / math.sqrt(2.0))
+    assert metrics["hencky"] == pytest.approx(0.25)
+    assert metrics["qc"] == pytest.approx(1.0)
+
+
+def test_mirrored_layout_has_no_flips():
+    surface = datasets.sheet(4, 4)
+    assert atlas_metrics(surface, flat(surface) * [-1.0, 1.0], **SMALL)["flips"] == 0
+
+
+def test_folded_face_is_a_flip_and_overlaps():
+    surface = datasets.sheet(3, 1, size=(3.0, 1.0))
+    uv = flat(surface)
+    valence = np.bincount(surface.faces.ravel())
+    face, corner = np.argwhere(valence[surface.faces] == 1)[0]
+    # The third corner of a right isosceles triangle mirrored in its hypotenuse.
+    other = uv[face, [(corner + 1) % 3, (corner + 2) % 3]]
+    uv[face, corner] = other.sum(axis=0) - uv[face, corner]
+    metrics = atlas_metrics(surface, uv, resolution=600)
+    assert metrics["flips"] == 1
+    assert metrics["overlap"] == pytest.approx(20.0, abs=0.5)
+
+
+def test_faces_without_area_are_counted_and_left_out():
+    surface = datasets.sheet(3, 3)
+    uv = flat(surface)
+    uv[5] = uv[5, 0]
+    metrics = atlas_metrics(surface, uv, **SMALL)
+    assert metrics["degenerate"] == 1
+    assert metrics["qc"] == pytest.approx(1.0)
+    assert metrics["flips"] == 0
+
+
+def test_cylinder_is_flat_once_cut():
+    n_around, n_along = 24, 8
+    surface = datasets.cylinder(1.0, 2.0, n_around, n_along)
+    uv = unrolled(surface, n_around, n_along, 1.0)
+    metrics = atlas_metrics(surface, uv, **SMALL)
+    assert metrics["charts"] == 1
+    assert metrics["non_disk"] == 0
+    assert metrics["seam"] == pytest.approx(2.0 / math.sqrt(surface.area))
+    assert metrics["yamabe"] == pytest.approx(0.0, abs=1e-20)
+    assert metrics["qc"] == pytest.approx(1.0)
+    assert metrics["l2"] == pytest.approx(1.0)
+
+
+def test_annulus_is_no_disk():
+    surface = datasets.cylinder(1.0, 1.0, 16, 4)
+    radius = np.exp(-surface.vertices[:, 2:])
+    metrics = atlas_metrics(surface, (radius * surface.vertices[:, :2])[surface.faces], **SMALL)
+    assert metrics["charts"] == 1
+    assert metrics["non_disk"] == 1
+    assert metrics["seam"] == 0.0
+
+
+def test_slit_is_cut_open_but_leaves_one_disk():
+    surface = datasets.sheet(4, 4, amplitude=0.1)
+    uv = flat(surface)
+    below = (uv[:, :, 1] <= 0.5 + 1e-12).all(axis=1)
+    on_slit = (np.abs(uv[:, :, 1] - 0.5) < 1e-12) & (uv[:, :, 0] < 0.5 - 1e-12)
+    uv[on_slit & below[:, None]] -= [0.0, 0.1]
+    topology = uv_topology(surface, uv)
+    assert topology.n_charts == 1
+    # Two edges, the second ending at the tip, which stays one vertex: two vertices double.
+    assert topology.n_vertices == surface.n_vertices + 2
+    assert topology.seams.sum() == 4
+    assert atlas_metrics(surface, uv, **SMALL)["non_disk"] == 0
+
+
+def test_hemisphere_shrinks_like_the_stereographic_projection():
+    surface, uv = hemisphere(40)
+    topology = uv_topology(surface, uv)
+    factors = yamabe_factors(surface, topology)
+    height = np.empty(topology.n_vertices)
+    height[topology.corner] = surface.vertices[surface.faces][..., 2]
+    np.testing.assert_allclose(factors, -np.log1p(height), atol=3e-3)
+    mean_square = 2.0 * math.log(2.0) ** 2 - 4.0 * math.log(2.0) + 2.0
+    assert atlas_metrics(surface, uv, **SMALL)["yamabe"] == pytest.approx(mean_square, rel=1e-2)
+
+
+def test_closed_chart_has_no_yamabe_energy():
+    surface = datasets.icosphere(1)
+    metrics = atlas_metrics(surface, surface.vertices[surface.faces][..., :2], **SMALL)
+    assert math.isnan(metrics["yamabe"])
+
+
+def test_wrong_input_is_named():
+    surface = datasets.sheet(2, 2)
+    uv = flat(surface)
+    with pytest.raises(ValueError, match=r"uv must have shape \(8, 3, 2\), got \(7, 3, 2\)"):
+        atlas_metrics(surface, uv[:7])
+    with pytest.raises(ValueError, match="uv has no area"):
+        atlas_metrics(surface, 0.0 * uv)
+    uv[3, 1] = np.nan
+    with pytest.raises(ValueError, match=r"uv\[3, 1\] is not finite"):
+        atlas_metrics(surface, uv)

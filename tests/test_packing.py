@@ -1,0 +1,141 @@
+"""Packing keeps shapes, sizes and orientation, and nothing overlaps."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from phaseatlas import _core, datasets
+from phaseatlas.atlas import Chart
+from phaseatlas.packing import pack
+
+
+def charts_of(surface, labels):
+    """The flat sheet cut by labels, each chart turned by another angle and moved away."""
+    charts = []
+    for label in range(int(labels.max()) + 1):
+        faces = np.flatnonzero(labels == label)
+        vertices, triangles = np.unique(surface.faces[faces], return_inverse=True)
+        cosine, sine = np.cos(label + 0.3), np.sin(label + 0.3)
+        uv = surface.vertices[vertices, :2] @ np.array([[cosine, sine], [-sine, cosine]])
+        charts.append(
+            Chart(
+                faces=faces,
+                labelled=np.ones(len(faces), dtype=bool),
+                vertices=vertices,
+                triangles=triangles.reshape(-1, 3),
+                uv=uv + 100.0 * label,
+                weights=np.ones(len(vertices)),
+                log_scale=np.zeros(len(vertices)),
+            )
+        )
+    return tuple(charts)
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    """A sheet cut into stripes of different widths, one of them bent into an L."""
+    surface = datasets.sheet(24, 12, size=(2.0, 1.0))
+    centre = surface.vertices[surface.faces].mean(axis=1)
+    labels = np.digitize(centre[:, 0], [0.25, 0.5, 0.6, 1.3])
+    labels[(labels == 3) & (centre[:, 1] > 0.5)] = 2
+    return surface, labels, charts_of(surface, labels)
+
+
+def lengths(corners):
+    return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+
+
+def signed_areas(corners):
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def test_charts_share_one_scale_and_keep_their_orientation(sheet):
+    surface, _, charts = sheet
+    uv = pack(charts, surface.n_faces)
+    ratio = lengths(uv) / lengths(surface.vertices[surface.faces])
+    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-9)
+    assert (signed_areas(uv) > 0.0).all()
+
+
+def test_layout_fills_the_unit_square_without_overlap(sheet):
+    surface, _, charts = sheet
+    uv = pack(charts, surface.n_faces)
+    assert uv.shape == (surface.n_faces, 3, 2)
+    assert uv.min() >= 0.0
+    assert uv.max() <= 1.0
+    _, count = _core.rasterize(uv, 1024)
+    assert count.max() == 1
+    assert signed_areas(uv).sum() > 0.5
+
+
+@pytest.mark.parametrize(("padding", "resolution"), [(0, 512), (4, 256), (8, 1024)])
+def test_padding_is_kept(sheet, padding, resolution):
+    surface, labels, charts = sheet
+    uv = pack(charts, surface.n_faces, padding=padding, resolution=resolution)
+    face, _ = _core.rasterize(uv, resolution)
+    owner = np.where(face >= 0, labels[face], -1)
+    for label in range(len(charts)):
+        others = (owner >= 0) & (owner != label)
+        assert distance_transform_edt(owner != label)[others].min() >= padding
+    assert 0.5 * padding / resolution <= uv.min() + 1e-12
+    assert uv.max() <= 1.0 - 0.5 * padding / resolution + 1e-12
+
+
+def test_same_input_same_layout(sheet):
+    surface, _, charts = sheet
+    first, second = pack(charts, surface.n_faces), pack(charts, surface.n_faces)
+    np.testing.assert_array_equal(first, second)
+
+
+def test_units_do_not_matter(sheet):
+    surface, _, charts = sheet
+    tiny = tuple(dataclasses.replace(chart, uv=1e-6 * chart.uv) for chart in charts)
+    first, second = pack(charts, surface.n_faces), pack(tiny, surface.n_faces)
+    np.testing.assert_allclose(first, second, atol=1e-6)
+
+
+def test_pieces_and_faces_outside_the_segment():
+    surface = datasets.sheet(12, 4, size=(3.0, 1.0))
+    x = surface.vertices[surface.faces].mean(axis=1)[:, 0]
+    labels = np.where((x > 1.0) & (x < 2.0), 0, 1)
+    middle, ends = charts_of(surface, labels)
+    # The ends' chart reaches over the middle, which it does not own.
+    (whole,) = charts_of(surface, np.zeros_like(labels))
+    ends = dataclasses.replace(whole, labelled=labels == 1)
+    uv = pack((middle, ends), surface.n_faces)
+    assert _core.rasterize(uv, 512)[1].max() == 1
+    np.testing.assert_allclose(signed_areas(uv), signed_areas(uv)[0], rtol=1e-9)
+
+
+def test_very_small_charts_survive():
+    surface = datasets.sheet(40, 40)
+    labels = np.zeros(surface.n_faces, dtype=np.int64)
+    labels[17] = 1
+    uv = pack(charts_of(surface, labels), surface.n_faces)
+    np.testing.assert_allclose(signed_areas(uv), signed_areas(uv)[17], rtol=1e-9)
+
+
+def test_wrong_input_is_named(sheet):
+    surface, _, charts = sheet
+    first = charts[1].faces[0]
+    with pytest.raises(ValueError, match=f"face {first} is labelled by 0 charts"):
+        pack((charts[0], *charts[2:]), surface.n_faces)
+    with pytest.raises(ValueError, match="labelled by 2 charts"):
+        pack((*charts, charts[2]), surface.n_faces)
+    with pytest.raises(ValueError, match="charts name face"):
+        pack(charts, 10)
+    with pytest.raises(ValueError, match="charts is empty"):
+        pack((), 0)
+    flat = dataclasses.replace(charts[2], uv=0.0 * charts[2].uv)
+    with pytest.raises(ValueError, match=r"charts\[2\]\.uv has a piece without area"):
+        pack((*charts[:2], flat, *charts[3:]), surface.n_faces)
+    broken = dataclasses.replace(charts[2], uv=np.nan * charts[2].uv)
+    with pytest.raises(ValueError, match=r"charts\[2\]\.uv\[\d+\] is not finite"):
+        pack((*charts[:2], broken, *charts[3:]), surface.n_faces)
+    with pytest.raises(ValueError, match="padding"):
+        pack(charts, surface.n_faces, padding=-1)

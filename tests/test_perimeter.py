@@ -1,0 +1,193 @@
+"""Diffuse perimeter, equations (5), (7) and (9)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import reference
+
+import phaseatlas as pa
+from phaseatlas import datasets
+
+# Sums of a few thousand doubles in another order.
+AGREE = 1e-10
+
+
+def make_field(kind, surface, smooth_field):
+    if kind == "smooth":
+        return smooth_field(surface)
+    return np.random.default_rng(3).uniform(-1.0, 1.0, surface.n_vertices)
+
+
+def check_agreement(actual, expected):
+    assert isinstance(actual[0], float)
+    assert actual[1].dtype == np.float64 and actual[1].shape == expected[1].shape
+    assert actual[0] == pytest.approx(expected[0], rel=AGREE)
+    assert np.linalg.norm(actual[1] - expected[1]) <= AGREE * np.linalg.norm(expected[1])
+
+
+@pytest.mark.parametrize("kind", ["random", "smooth"])
+def test_agrees_with_reference(surfaces, smooth_field, kind):
+    u = make_field(kind, surfaces, smooth_field)
+    epsilon = 2.0 * surfaces.mean_edge_length
+    actual = pa.functionals.Perimeter(surfaces, epsilon).value_and_gradient(u)
+    vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
+    check_agreement(actual, reference.perimeter(vertices, faces, u, epsilon))
+
+
+@pytest.mark.parametrize(("eta", "sigma"), [(0.0, None), (0.05, None), (0.0, 0.3), (0.02, 0.07)])
+def test_weighted_agrees_with_reference(surfaces, smooth_field, smooth_weight, eta, sigma):
+    u, weight = make_field("random", surfaces, smooth_field), smooth_weight(surfaces)
+    epsilon = 2.0 * surfaces.mean_edge_length
+    functional = pa.functionals.Perimeter(surfaces, epsilon, weight=weight, eta=eta, sigma=sigma)
+    vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
+    expected = reference.weighted_perimeter(vertices, faces, u, epsilon, weight, eta, sigma)
+    check_agreement(functional.value_and_gradient(u), expected)
+
+
+def test_unit_weight_changes_nothing(surfaces, smooth_field):
+    u = smooth_field(surfaces)
+    plain = pa.functionals.Perimeter(surfaces, 0.1).value_and_gradient(u)
+    weighted = pa.functionals.Perimeter(
+        surfaces, 0.1, weight=np.ones(surfaces.n_vertices), sigma=0.01
+    ).value_and_gradient(u)
+    check_agreement(weighted, plain)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_gradient_is_the_derivative(surfaces, smooth_field, smooth_weight, weighted):
+    epsilon = 2.0 * surfaces.mean_edge_length
+    options = {"weight": smooth_weight(surfaces), "eta": 0.01, "sigma": 0.1} if weighted else {}
+    functional = pa.functionals.Perimeter(surfaces, epsilon, **options)
+    rng = np.random.default_rng(0)
+    for kind in ("random", "smooth"):
+        u = make_field(kind, surfaces, smooth_field)
+        gradient = functional.value_and_gradient(u)[1]
+        for _ in range(3):
+            direction = rng.standard_normal(surfaces.n_vertices)
+            # A quartic: the error of the central difference is h^2 = 1e-8 times a third derivative,
+            # rounding adds 1e-16 |P| / h = 1e-12 |P|.
+            h = 1e-4
+            plus = functional.value_and_gradient(u + h * direction)[0]
+            minus = functional.value_and_gradient(u - h * direction)[0]
+            size = np.linalg.norm(gradient) * np.linalg.norm(direction)
+            assert abs((plus - minus) / (2.0 * h) - gradient @ direction) < 1e-7 * size
+
+
+def test_gradient_of_every_vertex():
+    surface = datasets.sheet(3, 3, amplitude=0.2, periods=0.7)
+    rng = np.random.default_rng(1)
+    u, weight = rng.uniform(-1.0, 1.0, (2, surface.n_vertices))
+    functional = pa.functionals.Perimeter(surface, 0.2, weight=np.abs(weight), eta=0.1, sigma=0.2)
+    gradient = functional.value_and_gradient(u)[1]
+    h = 1e-4
+    differences = [
+        (functional.value_and_gradient(u + e)[0] - functional.value_and_gradient(u - e)[0])
+        / (2.0 * h)
+        for e in h * np.eye(surface.n_vertices)
+    ]
+    assert np.abs(differences - gradient).max() < 1e-7 * np.abs(gradient).max()
+
+
+def test_pure_phases_cost_nothing(surfaces):
+    functional = pa.functionals.Perimeter(surfaces, 0.1)
+    for phase in (-1.0, 1.0):
+        value, gradient = functional.value_and_gradient(np.full(surfaces.n_vertices, phase))
+        assert abs(value) < 1e-13 and np.abs(gradient).max() < 1e-13
+
+
+def test_mixed_phase_costs_the_area(surfaces):
+    value, _ = pa.functionals.Perimeter(surfaces, 0.1).value_and_gradient(
+        np.zeros(surfaces.n_vertices)
+    )
+    assert value == pytest.approx(9.0 / 16.0 * surfaces.area / 0.1, rel=1e-12)
+
+
+def test_symmetric_in_the_phases(surfaces, smooth_field):
+    functional = pa.functionals.Perimeter(surfaces, 0.1)
+    u = smooth_field(surfaces)
+    value, gradient = functional.value_and_gradient(u)
+    mirrored, mirrored_gradient = functional.value_and_gradient(-u)
+    assert mirrored == pytest.approx(value, rel=1e-14)
+    assert np.allclose(mirrored_gradient, -gradient, rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("length", [0.4, 1.0])
+def test_optimal_profile_costs_root_two_per_length(length):
+    surface = datasets.sheet(120, 10, size=(2.0, length))
+    epsilon = 0.08
+    x = np.asarray(surface.vertices)[:, 0] - 1.0
+    profile = np.tanh(3.0 * x / (2.0 * math.sqrt(2.0) * epsilon))
+    value, _ = pa.functionals.Perimeter(surface, epsilon).value_and_gradient(profile)
+    # Cells of epsilon / 5 across the profile: the quadrature is off by (h / epsilon)^2 / 4 = 1 %.
+    assert value == pytest.approx(math.sqrt(2.0) * length, rel=0.01)
+
+
+def test_weight_counts_only_the_weighted_length():
+    surface = datasets.sheet(120, 40, size=(2.0, 1.0))
+    epsilon = 0.08
+    x, y = np.asarray(surface.vertices)[:, 0] - 1.0, np.asarray(surface.vertices)[:, 1]
+    profile = np.tanh(3.0 * x / (2.0 * math.sqrt(2.0) * epsilon))
+    functional = pa.functionals.Perimeter(surface, epsilon, weight=y)
+    # The mean of the weight along the interface is one half.
+    assert functional.value_and_gradient(profile)[0] == pytest.approx(math.sqrt(0.5), rel=0.01)
+
+
+def test_equator_of_a_sphere():
+    surface = datasets.icosphere(5)
+    epsilon = 4.0 * surface.mean_edge_length
+    latitude = np.arcsin(np.asarray(surface.vertices)[:, 2])
+    profile = np.tanh(3.0 * latitude / (2.0 * math.sqrt(2.0) * epsilon))
+    value, _ = pa.functionals.Perimeter(surface, epsilon).value_and_gradient(profile)
+    # The parallels shrink like the cosine of the latitude across an interface of width epsilon, and
+    # the quadrature adds (h / epsilon)^2: about 1 % each.
+    assert value == pytest.approx(math.sqrt(2.0) * 2.0 * math.pi, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return datasets.icosphere(1)
+
+
+@pytest.mark.parametrize("epsilon", [0.0, -0.1, math.nan, math.inf])
+def test_rejects_bad_epsilon(small, epsilon):
+    with pytest.raises(ValueError, match="epsilon"):
+        pa.functionals.Perimeter(small, epsilon)
+
+
+@pytest.mark.parametrize("sigma", [0.0, -0.1, math.nan])
+def test_rejects_bad_sigma(small, sigma):
+    with pytest.raises(ValueError, match="sigma"):
+        pa.functionals.Perimeter(small, 0.1, weight=np.ones(small.n_vertices), sigma=sigma)
+
+
+@pytest.mark.parametrize("eta", [-0.1, math.nan])
+def test_rejects_bad_eta(small, eta):
+    with pytest.raises(ValueError, match="eta"):
+        pa.functionals.Perimeter(small, 0.1, weight=np.ones(small.n_vertices), eta=eta)
+
+
+@pytest.mark.parametrize("bad", [-0.01, 1.01, math.nan])
+def test_rejects_bad_weight(small, bad):
+    weight = np.full(small.n_vertices, 0.5)
+    weight[7] = bad
+    with pytest.raises(ValueError, match="weight.*7"):
+        pa.functionals.Perimeter(small, 0.1, weight=weight)
+
+
+def test_rejects_weight_of_wrong_shape(small):
+    with pytest.raises(ValueError, match="weight"):
+        pa.functionals.Perimeter(small, 0.1, weight=np.ones(small.n_faces))
+
+
+def test_rejects_bad_field(small):
+    functional = pa.functionals.Perimeter(small, 0.1)
+    for shape in [(small.n_vertices - 1,), (small.n_vertices + 1,), (small.n_vertices, 1), ()]:
+        with pytest.raises(ValueError, match=r"\bu\b"):
+            functional.value_and_gradient(np.zeros(shape))
+    u = np.zeros(small.n_vertices)
+    u[11] = math.nan
+    with pytest.raises(ValueError, match=r"\bu\b.*11"):
+        functional.value_and_gradient(u)

@@ -1,0 +1,233 @@
+"""Textures: lookup, blending over charts, baking."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from phaseatlas import _core, datasets
+from phaseatlas.atlas import Atlas, Chart
+from phaseatlas.texture import bake, blend_vertices, checker, load_image, sample
+
+
+def chart(surface, labelled, weights, uv):
+    """A chart over the whole sheet."""
+    return Chart(
+        faces=np.arange(surface.n_faces),
+        labelled=labelled,
+        vertices=np.arange(surface.n_vertices),
+        triangles=np.asarray(surface.faces),
+        uv=uv,
+        weights=weights,
+        log_scale=np.zeros(surface.n_vertices),
+    )
+
+
+def atlas_of(surface, charts, labels):
+    uv = surface.vertices[surface.faces][..., :2].copy()
+    return Atlas(surface=surface, charts=charts, labels=labels, uv=uv)
+
+
+@pytest.fixture(scope="module")
+def single():
+    """The unit square as one chart, its layout the square itself."""
+    surface = datasets.sheet(7, 5)
+    every = np.ones(surface.n_faces, dtype=bool)
+    only = chart(surface, every, np.ones(surface.n_vertices), surface.vertices[:, :2].copy())
+    return atlas_of(surface, (only,), np.zeros(surface.n_faces, dtype=np.int64))
+
+
+@pytest.fixture(scope="module")
+def double():
+    """Two charts over all of the unit square, blended along x; the second is shifted."""
+    surface = datasets.sheet(8, 8)
+    labels = (surface.vertices[surface.faces].mean(axis=1)[:, 0] > 0.5).astype(np.int64)
+    place = surface.vertices[:, :2]
+    x = place[:, 0]
+    charts = (
+        chart(surface, labels == 0, 1.0 - x, place.copy()),
+        chart(surface, labels == 1, x.copy(), place + np.array([10.0, 0.0])),
+    )
+    return atlas_of(surface, charts, labels)
+
+
+def linear(uv):
+    return np.stack([uv[:, 0], uv[:, 1], 2.0 * uv[:, 0] - uv[:, 1]], axis=1)
+
+
+def first_coordinate(uv):
+    """Tells the charts of `double` apart: 0.2 on the first, 0.8 on the second."""
+    return np.where(uv[:, :1] < 5.0, 0.2, 0.8) * np.ones((1, 3))
+
+
+def texel_centres(resolution):
+    column, row = np.meshgrid(np.arange(resolution), np.arange(resolution))
+    return np.stack([column + 0.5, resolution - 0.5 - row], axis=-1) / resolution
+
+
+def test_checker_is_light_at_the_lower_left_and_tiles():
+    image = checker(16, 4, light=(200, 200, 200), dark=(10, 10, 10))
+    assert image.shape == (16, 16, 3)
+    assert image.dtype == np.uint8
+    assert image[-1, 0, 0] == 200
+    assert image[-1, 4, 0] == 10
+    assert (image == 200).mean() == 0.5
+    np.testing.assert_array_equal(image[:, 0], 210 - image[:, -1])
+
+
+@pytest.mark.parametrize("squares", [0, 3])
+def test_checker_refuses_what_does_not_tile(squares):
+    with pytest.raises(ValueError, match=f"squares must be even and at least 2, got {squares}"):
+        checker(16, squares)
+    with pytest.raises(ValueError, match="size"):
+        checker(2, 4)
+
+
+def test_load_image(tmp_path):
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    np.testing.assert_array_equal(load_image(tmp_path / "a.png"), pixels)
+    with pytest.raises(OSError, match="missing"):
+        load_image(tmp_path / "missing.png")
+
+
+def test_sample_at_texel_centres_returns_the_texels():
+    image = np.random.default_rng(0).integers(0, 256, (6, 6, 3), dtype=np.uint8)
+    values = sample(image, texel_centres(6).reshape(-1, 2)).reshape(6, 6, 3)
+    np.testing.assert_allclose(255.0 * values, image, atol=1e-9)
+
+
+def test_sample_is_bilinear_and_tiled():
+    image = np.zeros((2, 4, 1))
+    image[0, 1] = 1.0
+    # Rows run from the top: the lit texel has its centre at u = 3/8, v = 3/4.
+    assert sample(image, np.array([[0.375, 0.75]]))[0, 0] == pytest.approx(1.0)
+    assert sample(image, np.array([[0.5, 0.75]]))[0, 0] == pytest.approx(0.5)
+    assert sample(image, np.array([[0.5, 0.5]]))[0, 0] == pytest.approx(0.25)
+    uv = np.random.default_rng(1).random((50, 2))
+    moved = sample(image, uv + np.array([-3.0, 7.0]))
+    np.testing.assert_allclose(moved, sample(image, uv), atol=1e-12)
+
+
+def test_sample_refuses_what_is_no_texture():
+    with pytest.raises(ValueError, match=r"texture must have shape \(H, W, c\)"):
+        sample(np.zeros((4, 4)), np.zeros((1, 2)))
+    with pytest.raises(ValueError, match=r"texture must return shape \(2, c\)"):
+        sample(lambda uv: uv[:1], np.zeros((2, 2)))
+
+
+def test_blend_of_a_linear_function(single):
+    expected = linear(3.0 * single.surface.vertices[:, :2])
+    np.testing.assert_allclose(blend_vertices(single, linear, scale=3.0), expected, atol=1e-12)
+
+
+def test_blend_weighs_the_charts(double):
+    x = double.surface.vertices[:, 0]
+    values = blend_vertices(double, first_coordinate, scale=1.0)
+    np.testing.assert_allclose(values[:, 0], 0.2 * (1.0 - x) + 0.8 * x, atol=1e-12)
+
+
+def test_blend_of_one_is_one(double):
+    ones = blend_vertices(double, lambda uv: np.ones((len(uv), 2)))
+    np.testing.assert_allclose(ones, 1.0, atol=1e-12)
+
+
+def test_vertices_on_a_cut_count_once():
+    surface = datasets.sheet(2, 1)
+    # Every face has its own copies of its vertices, as if all edges were cut.
+    only = Chart(
+        faces=np.arange(surface.n_faces),
+        labelled=np.ones(surface.n_faces, dtype=bool),
+        vertices=np.asarray(surface.faces).ravel(),
+        triangles=np.arange(3 * surface.n_faces).reshape(-1, 3),
+        uv=surface.vertices[surface.faces].reshape(-1, 3)[:, :2],
+        weights=np.ones(3 * surface.n_faces),
+        log_scale=np.zeros(3 * surface.n_faces),
+    )
+    atlas = atlas_of(surface, (only,), np.zeros(surface.n_faces, dtype=np.int64))
+    expected = linear(surface.vertices[:, :2])
+    np.testing.assert_allclose(blend_vertices(atlas, linear, scale=1.0), expected, atol=1e-12)
+
+
+def test_blend_refuses_a_vertex_without_weight():
+    surface = datasets.sheet(2, 2)
+    every, weights = np.ones(surface.n_faces, dtype=bool), np.ones(surface.n_vertices)
+    weights[4] = 0.0
+    only = chart(surface, every, weights, surface.vertices[:, :2])
+    atlas = atlas_of(surface, (only,), np.zeros(surface.n_faces, dtype=np.int64))
+    with pytest.raises(ValueError, match="at vertex 4 add up to 0"):
+        blend_vertices(atlas, linear)
+
+
+def test_bake_of_a_constant_is_constant(double):
+    image = bake(double, lambda uv: np.full((len(uv), 3), 0.4), resolution=64)
+    assert image.shape == (64, 64, 3)
+    assert image.dtype == np.uint8
+    assert (image == 102).all()
+
+
+@pytest.mark.parametrize("blend", [True, False])
+def test_single_chart_bake_is_the_sampled_texture(single, blend):
+    texture = np.random.default_rng(2).random((9, 13, 3))
+    scale = 2.5
+    image = bake(single, texture, resolution=50, scale=scale, blend=blend)
+    expected = sample(texture, scale * texel_centres(50).reshape(-1, 2)).reshape(50, 50, 3)
+    assert np.abs(image / 255.0 - expected).max() <= 0.5 / 255.0 + 1e-9
+
+
+def test_bake_blends_the_charts(double):
+    image = bake(double, first_coordinate, resolution=40, scale=1.0)
+    x = texel_centres(40)[..., 0]
+    expected = 255.0 * (0.2 + 0.6 * x)
+    assert np.abs(image[..., 0] - expected).max() <= 0.5 + 1e-9
+
+
+def test_bake_without_blending_is_sharp(double):
+    image = bake(double, first_coordinate, resolution=40, scale=1.0, blend=False)
+    face, _ = _core.rasterize(np.ascontiguousarray(double.uv), 40)
+    np.testing.assert_array_equal(image[..., 1], np.where(double.labels[face] == 0, 51, 204))
+
+
+def test_bake_takes_grey_textures(single):
+    image = bake(single, np.full((2, 2, 1), 128, dtype=np.uint8), resolution=8)
+    assert (image == 128).all()
+
+
+def test_gutters_copy_the_nearest_texel(single):
+    inner = Atlas(
+        surface=single.surface,
+        charts=single.charts,
+        labels=single.labels,
+        uv=0.25 + 0.5 * single.uv,
+    )
+    texture = np.random.default_rng(3).random((8, 8, 3))
+    full = bake(inner, texture, resolution=32)
+    bare = bake(inner, texture, resolution=32, padding=0, background=(1, 2, 3))
+    some = bake(inner, texture, resolution=32, padding=2, background=(1, 2, 3))
+    np.testing.assert_array_equal(full[8:24, 8:24], bare[8:24, 8:24])
+    assert (bare[:8] == [1, 2, 3]).all()
+    np.testing.assert_array_equal(full[:8, 12], np.tile(full[8, 12], (8, 1)))
+    np.testing.assert_array_equal(some[6:26, 12], full[6:26, 12])
+    assert (some[:6] == [1, 2, 3]).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"scale": 0.0}, "scale"),
+        ({"scale": math.nan}, "scale"),
+        ({"resolution": 0}, "resolution"),
+        ({"padding": -1}, "padding"),
+    ],
+)
+def test_bake_refuses_bad_options(single, options, name):
+    with pytest.raises(ValueError, match=f"{name} must"):
+        bake(single, checker(8, 2), **options)
+
+
+def test_bake_refuses_two_channels(single):
+    with pytest.raises(ValueError, match="1 or 3 channels, got 2"):
+        bake(single, np.zeros((4, 4, 2)), resolution=8)
