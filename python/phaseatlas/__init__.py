@@ -1,6 +1,23 @@
 """Cut surfaces into connected segments by phase fields and turn them into texture atlases."""
 
 from . import datasets, functionals
+from .atlas import Atlas, Chart, build_atlas
+from .hierarchy import Diagnostics, DisconnectedError, Progress, SegmentTree, segment
+from .io import load, save_ply
 from .surface import Surface
 
-__all__ = ["Surface", "datasets", "functionals"]
+__all__ = [
+    "Atlas",
+    "Chart",
+    "Diagnostics",
+    "DisconnectedError",
+    "Progress",
+    "SegmentTree",
+    "Surface",
+    "build_atlas",
+    "datasets",
+    "functionals",
+    "load",
+    "save_ply",
+    "segment",
+]

@@ -1,0 +1,295 @@
+"""Atlas generation, section 4: overlapping charts, flattened, packed and textured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+
+from . import _core
+from .hierarchy import SegmentTree
+from .io import write_bytes
+from .metrics import atlas_metrics
+from .packing import pack
+from .surface import Surface
+from .texture import Texture, bake, blend_vertices, checker
+
+__all__ = ["Atlas", "Chart", "build_atlas"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flatten = Literal["lscm"]
+
+_FLATTEN: dict[str, Callable[[_core.TriangleMesh], Floats]] = {"lscm": _core.lscm}
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """One chart: the domain where its weight is positive, as a disk, and its map to the plane.
+
+    Attributes
+    ----------
+    segment : int
+        Leaf of the tree.
+    faces : (k,) array of int
+        Surface faces of the domain; domains of neighbouring charts overlap.
+    labelled : (k,) array of bool
+        The faces that belong to the sharp segment.
+    vertices : (p,) array of int
+        Surface vertex of each chart vertex; a vertex on a cut stands once on each side.
+    triangles : (k, 3) array of int
+        The faces, in chart vertices.
+    uv : (p, 2) array
+        The map, in the units of the surface: the labelled faces keep their total area.
+    weights : (p,) array
+        Blending weights; over all charts they sum to 1 at every surface vertex.
+    log_scale : (p,) array
+        Measured log scale factor of the map: half the log of area in the plane over area on the
+        surface, around the vertex.
+    cut_length : float
+        Length of the cut that made the domain a disk; 0 where it was one.
+    """
+
+    segment: int
+    faces: Ints
+    labelled: NDArray[np.bool_]
+    vertices: Ints
+    triangles: Ints
+    uv: Floats
+    weights: Floats
+    log_scale: Floats
+    cut_length: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Atlas:
+    """Overlapping charts of a surface and their sharp parts packed into the unit square.
+
+    Attributes
+    ----------
+    surface : Surface
+    labels : (m,) array of int
+        Leaf of each face.
+    charts : tuple of Chart
+    uv : (m, 3, 2) array
+        Packed texture coordinates of the corners of each face, v up, in [0, 1].
+    """
+
+    surface: Surface
+    labels: Ints
+    charts: tuple[Chart, ...]
+    uv: Floats = field(repr=False)
+
+    def metrics(self) -> dict[str, float]:
+        """Charts, seam, distortion, flips, overlap and packing; see `metrics.atlas_metrics`."""
+        return atlas_metrics(self.surface, self.uv)
+
+    def bake(
+        self, texture: Texture | None = None, *, resolution: int = 1024, blend: bool = True
+    ) -> NDArray[np.uint8]:
+        """Bake a texture, repeated over the charts' planes, into the packed layout.
+
+        Parameters
+        ----------
+        texture : (h, w, c) array or callable, optional
+            What covers the plane; a checker by default.
+        resolution : int, default 1024
+            Side of the baked image in texels.
+        blend : bool, default True
+            Blend the overlapping charts by their weights, or take the labelled chart alone.
+
+        Returns
+        -------
+        (resolution, resolution, 3) array of uint8, first row on top
+        """
+        return bake(
+            self, checker() if texture is None else texture, resolution=resolution, blend=blend
+        )
+
+    def vertex_colors(self, texture: Texture | None = None) -> Floats:
+        """Blend of f o phi over the charts at the vertices, (n, 3) in [0, 1]."""
+        return blend_vertices(self, checker() if texture is None else texture)
+
+    def save(
+        self,
+        path: str | PathLike[str],
+        *,
+        texture: Texture | None = None,
+        resolution: int = 1024,
+    ) -> None:
+        """Write the surface with its texture coordinates and a baked texture.
+
+        Parameters
+        ----------
+        path : str or PathLike
+            A `.glb` file, or an `.obj` file beside which a `.mtl` and a `.png` are written.
+            Files are written whole or not at all.
+        texture, resolution
+            As in `bake`.
+
+        Raises
+        ------
+        ValueError
+            For another suffix.
+        """
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in (".glb", ".obj"):
+            raise ValueError(f"path: suffix {path.suffix!r} of {path} must be .glb or .obj")
+        mesh = self._textured_mesh(self.bake(texture, resolution=resolution), path.stem)
+        if suffix == ".glb":
+            write_bytes(path, mesh.export(file_type="glb"))
+            return
+        text, sidecars = trimesh.exchange.obj.export_obj(
+            mesh,
+            include_normals=False,
+            return_texture=True,
+            write_texture=False,
+            mtl_name=f"{path.stem}.mtl",
+            header=None,
+        )
+        for name, data in sidecars.items():
+            write_bytes(path.parent / name, data)
+        write_bytes(path, text.encode())
+
+    def _textured_mesh(self, image: NDArray[np.uint8], name: str) -> trimesh.Trimesh:
+        corners = np.column_stack(
+            [self.surface.faces.reshape(-1).astype(np.float64), self.uv.reshape(-1, 2)]
+        )
+        unique, inverse = np.unique(corners, axis=0, return_inverse=True)
+        material = trimesh.visual.material.SimpleMaterial(image=Image.fromarray(image), name=name)
+        return trimesh.Trimesh(
+            vertices=self.surface.vertices[unique[:, 0].astype(np.int64)],
+            faces=inverse.reshape(-1, 3),
+            visual=trimesh.visual.TextureVisuals(uv=unique[:, 1:], material=material),
+            process=False,
+        )
+
+
+def build_atlas(
+    tree: SegmentTree,
+    *,
+    flatten: Flatten = "lscm",
+    threshold: float = 0.02,
+    padding: int = 4,
+    resolution: int = 1024,
+) -> Atlas:
+    """Flatten the overlapping domains of the leaves and pack their sharp parts.
+
+    The domain of a leaf is where its weight exceeds `threshold`, together with its labelled
+    faces; a domain that is no disk is cut open along shortest paths.
+
+    Parameters
+    ----------
+    tree : SegmentTree
+    threshold : float, default 0.02
+        The charts blend by max(chi^alpha - threshold, 0), scaled to sum 1. With 0, the paper's
+        choice, the domains are larger and often rings: a field fades to 0 where its parent
+        does, so that siblings share a faint seam all around their parent.
+    flatten : {"lscm"}
+        The map: least-squares conformal in its spectral form.
+    padding : int, default 4
+        Least distance of the packed charts, in texels.
+    resolution : int, default 1024
+        Side in texels of the texture that the padding refers to.
+
+    Returns
+    -------
+    Atlas
+
+    Raises
+    ------
+    ValueError
+        For an unknown `flatten`, or a `threshold` outside [0, 1 / number of leaves).
+    """
+    if flatten not in _FLATTEN:
+        raise ValueError(f"flatten: {flatten!r} must be one of {sorted(_FLATTEN)}")
+    n_leaves = 2**tree.levels
+    if not 0 <= threshold < 1 / n_leaves:
+        raise ValueError(f"threshold: {threshold} must be in [0, 1 / {n_leaves})")
+    raised = np.maximum(tree.weights - threshold, 0)
+    domains = _domains(tree, raised)
+    weights = _blending_weights(tree, raised, domains)
+
+    def build(k: int) -> Chart:
+        return _chart(tree, *domains[k], weights[k], _FLATTEN[flatten])
+
+    with ThreadPoolExecutor() as pool:
+        charts = tuple(pool.map(build, range(len(domains))))
+    return Atlas(
+        surface=tree.surface,
+        labels=tree.labels,
+        charts=charts,
+        uv=pack(charts, tree.surface.n_faces, padding=padding, resolution=resolution),
+    )
+
+
+def _domains(tree: SegmentTree, raised: Floats) -> list[tuple[int, Ints]]:
+    """Leaf and faces of every chart: the components of {weight > 0} that hold labelled faces."""
+    domains = []
+    for leaf, weight in enumerate(raised):
+        labelled = tree.labels == leaf
+        inside = (weight[tree.surface.faces] > 0).any(axis=1) | labelled
+        parts = _core.label_components(tree.surface._mesh, inside.astype(np.int64))
+        domains += [(leaf, np.flatnonzero(parts == part)) for part in np.unique(parts[labelled])]
+    return domains
+
+
+def _blending_weights(
+    tree: SegmentTree, raised: Floats, domains: list[tuple[int, Ints]]
+) -> Floats:
+    """Weights of the charts, (charts, n): those of the leaf on the domain, 0 elsewhere, sum 1.
+
+    A leaf's weight lies in its domains but for specks that hold no labelled face; where one is
+    left out the others make up for it.
+    """
+    weights = np.zeros((len(domains), tree.surface.n_vertices))
+    for k, (leaf, faces) in enumerate(domains):
+        members = np.unique(tree.surface.faces[faces])
+        weights[k, members] = raised[leaf, members]
+    total = weights.sum(axis=0)
+    bare = np.flatnonzero(total == 0)
+    if len(bare):
+        owner = np.zeros(tree.surface.n_vertices, dtype=np.int64)
+        for k, (leaf, faces) in enumerate(domains):
+            owner[tree.surface.faces[faces[tree.labels[faces] == leaf]]] = k
+        weights[owner[bare], bare] = 1.0
+        total[bare] = 1.0
+    weights /= total
+    return weights
+
+
+def _chart(
+    tree: SegmentTree,
+    leaf: int,
+    faces: Ints,
+    weight: Floats,
+    flatten: Callable[[_core.TriangleMesh], Floats],
+) -> Chart:
+    surface = tree.surface
+    disk, triangles, vertices, _, cut_length = _core.cut_chart(surface._mesh, faces)
+    uv = flatten(disk)
+    a, b, c = np.moveaxis(uv[triangles], 1, 0)
+    flat = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    labelled = tree.labels[faces] == leaf
+    scale = np.sqrt(surface.face_areas[faces][labelled].sum() / np.abs(flat[labelled]).sum())
+    flat_mass = np.bincount(triangles.reshape(-1), weights=np.repeat(np.abs(flat), 3))
+    return Chart(
+        segment=leaf,
+        faces=faces,
+        labelled=labelled,
+        vertices=vertices,
+        triangles=triangles,
+        uv=uv * scale,
+        weights=weight[vertices],
+        log_scale=0.5 * np.log(scale**2 * flat_mass / (3 * disk.mass())),
+        cut_length=cut_length,
+    )

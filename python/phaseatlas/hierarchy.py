@@ -1,0 +1,756 @@
+"""Hierarchical segmentation, section 4: a binary tree of phase fields and its leaves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import scipy.cluster.vq
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from .functionals import Area, Connectedness, Perimeter, indicator
+from .io import write_whole
+from .optimise import Iteration, minimise
+from .surface import Surface
+
+__all__ = ["Diagnostics", "DisconnectedError", "Progress", "SegmentTree", "segment"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Initial = Literal["random", "normals"]
+
+# Continuation starts where epsilon is about this part of the square root of the segment's area:
+# the interface is then as wide as the segment, and few local minima are left.
+_COARSEST = 0.2
+_COARSE_TOLERANCE = 1e-5
+# Crumbs up to this part of the area of their node are relabelled: single faces at the tips of a
+# jagged interface. Larger ones are turned over and the node is solved again, each round with a
+# heavier connectedness term.
+_CRUMB = 1e-3
+_REPAIR_ROUNDS = 4
+_REPAIR_GROWTH = 4.0
+
+_FORMAT = 1
+
+
+class DisconnectedError(RuntimeError):
+    """A segment that was to be connected is not, and repair did not help."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a segmentation is, as handed to the progress callback after every step.
+
+    Attributes
+    ----------
+    level, node : int
+        Level of the tree, from 1, and node on it, from 0.
+    epsilon : float
+        Interface width of the continuation's present stage, relative to sqrt(area).
+    iteration : int
+        Steps taken in this node.
+    energy : float
+        Weighted sum of the functionals on the surface scaled to unit area.
+    """
+
+    level: int
+    node: int
+    epsilon: float
+    iteration: int
+    energy: float
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """How one node of the tree was split.
+
+    Attributes
+    ----------
+    level, node : int
+        The node that was split: level 0 is the whole surface.
+    energy : float
+        Weighted sum of the functionals, surface scaled to unit area.
+    length : float
+        Length of the new interface in the units of the surface: perimeter / sqrt(2).
+    violation : float
+        Relative violation of the area constraint.
+    iterations, evaluations : int
+        Steps and evaluations, over all stages.
+    converged : bool
+        Whether the last stage converged within its limit of steps.
+    components : (int, int)
+        Components of the two sharp segments as the solver left them.
+    repairs : int
+        Rounds in which crumbs were turned over and the node solved again.
+    relabelled_faces : int
+        Faces of small crumbs, which got the label of what surrounds them.
+    relabelled_area : float
+        Their part of the area of the node.
+    level_set : float
+        Value of chi(u) - chi(-u), averaged over a face, that separates the sharp segments.
+    """
+
+    level: int
+    node: int
+    energy: float
+    length: float
+    violation: float
+    iterations: int
+    evaluations: int
+    converged: bool
+    components: tuple[int, int]
+    repairs: int
+    relabelled_faces: int
+    relabelled_area: float
+    level_set: float
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What all nodes share; lengths relative to sqrt(area)."""
+
+    epsilon: float
+    coarsest: float | None
+    delta: float
+    eta: float
+    sigma: float
+    kappa: float
+    connected: bool
+    area: Literal["lagrangian", "penalty"]
+    penalty: float
+    initial: Initial
+    seed: int
+    max_iterations: int
+
+
+@dataclass(frozen=True)
+class _Node:
+    """One node to split, self-contained so that any executor can take it."""
+
+    surface: Surface
+    settings: _Settings
+    level: int
+    index: int
+    weight: Floats | None
+    faces: NDArray[np.bool_]
+    initial: Floats | None
+
+
+@dataclass(frozen=True)
+class _Split:
+    u: Floats
+    positive: NDArray[np.bool_]
+    diagnostics: Diagnostics
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentTree:
+    """A binary tree of phase fields and the segments at its leaves.
+
+    Node `i` of level `k` has the children `2 i` (u > 0) and `2 i + 1` (u < 0) on level `k + 1`.
+
+    Attributes
+    ----------
+    surface : Surface
+        The surface as given.
+    levels : int
+        Number of levels; there are 2**levels leaves.
+    epsilon : float
+        Interface width in the units of the surface.
+    delta : float
+        Half width of the plateaus of the indicator chi.
+    fields : (2**levels - 1, n) array
+        Phase fields, level by level.
+    labels : (m,) array of int
+        Leaf of each face. Labels descend the tree, so that those of a level are the labels of
+        the next divided by two: at each node a face goes to the child of larger weight.
+    diagnostics : tuple of Diagnostics
+        One for each field.
+    """
+
+    surface: Surface
+    levels: int
+    epsilon: float
+    delta: float
+    fields: Floats
+    labels: Ints
+    diagnostics: tuple[Diagnostics, ...]
+
+    @cached_property
+    def weights(self) -> Floats:
+        """Diffuse indicators of the leaves, (2**levels, n): a partition of unity."""
+        return self.weights_at(self.levels)
+
+    def weights_at(self, level: int) -> Floats:
+        """Diffuse indicators chi^alpha of a level, (2**level, n), section 4 of the paper.
+
+        Raises
+        ------
+        ValueError
+            For a level outside 0..levels.
+        """
+        self._check_level(level)
+        weights = np.ones((1, self.surface.n_vertices))
+        for k in range(level):
+            fields = self.fields[2**k - 1 : 2 ** (k + 1) - 1]
+            positive = indicator(fields, self.delta)
+            children = np.stack([weights * positive, weights * (1 - positive)], axis=1)
+            weights = children.reshape(2 ** (k + 1), -1)
+        return weights
+
+    def labels_at(self, level: int) -> Ints:
+        """Node of each face on a level, (m,).
+
+        Raises
+        ------
+        ValueError
+            For a level outside 0..levels.
+        """
+        self._check_level(level)
+        return self.labels >> (self.levels - level)
+
+    @cached_property
+    def areas(self) -> Floats:
+        """Areas of the sharp leaves, (2**levels,), in the units of the surface squared."""
+        areas: Floats = np.bincount(
+            self.labels, weights=self.surface.face_areas, minlength=2**self.levels
+        )
+        return areas
+
+    @cached_property
+    def components(self) -> Ints:
+        """Number of connected components of each sharp leaf, (2**levels,)."""
+        parts = _core.label_components(self.surface._mesh, self.labels)
+        _, first = np.unique(parts, return_index=True)
+        return np.bincount(self.labels[first], minlength=2**self.levels)
+
+    @cached_property
+    def interface_length(self) -> float:
+        """Length of the edges between different leaves, in the units of the surface."""
+        f, k = np.nonzero(self.surface.face_neighbours >= 0)
+        g = self.surface.face_neighbours[f, k]
+        seam = (f < g) & (self.labels[f] != self.labels[g])
+        f, k = f[seam], k[seam]
+        ends = self.surface.vertices[
+            np.stack([self.surface.faces[f, k], self.surface.faces[f, (k + 1) % 3]])
+        ]
+        return float(np.linalg.norm(ends[0] - ends[1], axis=1).sum())
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the tree to an `.npz` file, whole or not at all.
+
+        The keys are vertices, faces, fields, weights, labels, levels, epsilon, delta,
+        diagnostics (JSON) and format.
+        """
+        arrays: dict[str, Any] = {
+            "vertices": self.surface.vertices,
+            "faces": self.surface.faces,
+            "fields": self.fields,
+            "weights": self.weights,
+            "labels": self.labels,
+            "levels": self.levels,
+            "epsilon": self.epsilon,
+            "delta": self.delta,
+            "diagnostics": json.dumps([asdict(d) for d in self.diagnostics]),
+            "format": _FORMAT,
+        }
+        with write_whole(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> SegmentTree:
+        """Read a tree that `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            For a file that is no segmentation, or of a newer format.
+        FileNotFoundError
+            For a missing file.
+        """
+        try:
+            with np.load(Path(path), allow_pickle=False) as file:
+                arrays = {key: file[key] for key in file.files}
+            version = int(arrays["format"])
+        except FileNotFoundError:
+            raise
+        except Exception as error:
+            raise ValueError(f"{path}: no segmentation: {error}") from error
+        if version > _FORMAT:
+            raise ValueError(f"{path}: format {version} is newer than {_FORMAT}")
+        records = json.loads(str(arrays["diagnostics"]))
+        for record in records:
+            record["components"] = tuple(record["components"])
+        return SegmentTree(
+            surface=Surface(arrays["vertices"], arrays["faces"]),
+            levels=int(arrays["levels"]),
+            epsilon=float(arrays["epsilon"]),
+            delta=float(arrays["delta"]),
+            fields=arrays["fields"],
+            labels=arrays["labels"],
+            diagnostics=tuple(Diagnostics(**record) for record in records),
+        )
+
+    def _check_level(self, level: int) -> None:
+        if not 0 <= level <= self.levels:
+            raise ValueError(f"level: {level} must be in 0..{self.levels}")
+
+
+def segment(
+    surface: Surface,
+    levels: int = 1,
+    *,
+    epsilon: float | None = None,
+    epsilon_start: float | None = None,
+    connected: bool = True,
+    kappa: float = 1.0,
+    delta: float | None = None,
+    eta: float = 0.0,
+    sigma: float | None = None,
+    area: Literal["lagrangian", "penalty"] = "lagrangian",
+    penalty: float = 100.0,
+    initial: Initial | ArrayLike = "random",
+    seed: int = 0,
+    solver: Literal["lbfgs"] = "lbfgs",
+    max_iterations: int = 5000,
+    executor: Executor | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> SegmentTree:
+    """Cut a surface into 2**levels segments of equal area and little interface length.
+
+    Each segment is split in two by minimising P[u] + epsilon^-kappa (C[u] + C[-u]) under
+    A[u] = half of its area: problem (6) of the paper, weighted with the segment's diffuse
+    indicator as in (10). The surface is scaled to unit area first.
+
+    Parameters
+    ----------
+    surface : Surface
+    levels : int, default 1
+        Depth of the binary tree.
+    epsilon : float, optional
+        Interface width in the units of the surface; twice the mean edge length by default. The
+        profile takes 2.8 epsilon from -0.9 to 0.9.
+    epsilon_start : float, optional
+        Where the continuation starts, halving from there; a fifth of the square root of the
+        segment's area by default, `epsilon` where `initial` is an array. `epsilon` itself turns
+        continuation off.
+    connected : bool, default True
+        Use the connectedness functional, and require every sharp segment to be connected.
+    kappa : float, default 1
+        Exponent of the weight of the connectedness functional.
+    delta : float, optional
+        Half width of the plateaus of the indicator chi; a tenth of epsilon / sqrt(area) by
+        default.
+    eta : float, default 0
+        Added to the parent's indicator in the perimeter, equation (7).
+    sigma : float, optional
+        Penalty outside the parent, equation (7), with the surface scaled to unit area; 10 by
+        default.
+    area : {"lagrangian", "penalty"}
+        Meet the areas to 1e-5 by an augmented Lagrangian, or only penalise their deviation.
+    penalty : float, default 100
+        Weight of the quadratic penalty on the relative deviation of the area, half of whose
+        square it multiplies; the first weight of the augmented Lagrangian.
+    initial : {"random", "normals"} or array, default "random"
+        Random values in [-1, 1], two clusters of normals, or fields of shape (n,) for the root
+        or (2**levels - 1, n) for all nodes.
+    seed : int, default 0
+        Of the random values.
+    solver : {"lbfgs"}
+        The method.
+    max_iterations : int, default 5000
+        Limit on the steps of each stage of a node.
+    executor : concurrent.futures.Executor, optional
+        Runs the nodes of a level side by side; the result does not depend on it.
+    progress : callable, optional
+        Called with a `Progress` after each step; with an executor, after each node.
+
+    Returns
+    -------
+    SegmentTree
+
+    Raises
+    ------
+    ValueError
+        For an argument that cannot be used.
+    DisconnectedError
+        Where `connected` was asked for and a segment stays in pieces.
+    """
+    length = float(np.sqrt(surface.area))
+    settings = _settings(
+        epsilon=(2 * surface.mean_edge_length if epsilon is None else epsilon) / length,
+        coarsest=None if epsilon_start is None else epsilon_start / length,
+        connected=connected,
+        kappa=kappa,
+        delta=delta,
+        eta=eta,
+        sigma=sigma,
+        area=area,
+        penalty=penalty,
+        initial=initial if isinstance(initial, str) else "random",
+        seed=seed,
+        solver=solver,
+        max_iterations=max_iterations,
+    )
+    if not 1 <= levels <= 16:
+        raise ValueError(f"levels: {levels} must be in 1..16")
+    starts = _given_fields(surface, levels, initial)
+    unit = surface.scaled(1 / length)
+
+    fields: list[Floats] = []
+    diagnostics: list[Diagnostics] = []
+    labels = np.zeros(surface.n_faces, dtype=np.int64)
+    weights: list[Floats | None] = [None]
+    for level in range(levels):
+        nodes = [
+            _Node(
+                surface=unit,
+                settings=settings,
+                level=level,
+                index=index,
+                weight=weights[index],
+                faces=labels == index,
+                initial=starts.get(2**level - 1 + index),
+            )
+            for index in range(2**level)
+        ]
+        labels = 2 * labels
+        children: list[Floats | None] = []
+        for node, split in zip(nodes, _run(nodes, executor, progress), strict=True):
+            fields.append(split.u)
+            diagnostics.append(split.diagnostics)
+            labels[node.faces & ~split.positive] += 1
+            inside = 1.0 if node.weight is None else node.weight
+            chi = indicator(split.u, settings.delta)
+            children += [inside * chi, inside * (1 - chi)]
+        weights = children
+
+    return SegmentTree(
+        surface=surface,
+        levels=levels,
+        epsilon=settings.epsilon * length,
+        delta=settings.delta,
+        fields=np.stack(fields),
+        labels=labels,
+        diagnostics=tuple(_in_units(d, length) for d in diagnostics),
+    )
+
+
+def _settings(
+    *,
+    epsilon: float,
+    coarsest: float | None,
+    delta: float | None,
+    sigma: float | None,
+    solver: str,
+    **others: Any,
+) -> _Settings:
+    for name, value in {"epsilon": epsilon, "epsilon_start": coarsest, "sigma": sigma}.items():
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name}: {value} must be a positive number")
+    if epsilon >= 1:
+        raise ValueError(f"epsilon: {epsilon:g} times the square root of the area; must be below 1")
+    if solver != "lbfgs":
+        raise ValueError(f'solver: {solver!r} must be "lbfgs"')
+    if others["initial"] not in ("random", "normals"):
+        raise ValueError(f'initial: {others["initial"]!r} must be "random", "normals" or an array')
+    if others["area"] not in ("lagrangian", "penalty"):
+        raise ValueError(f'area: {others["area"]!r} must be "lagrangian" or "penalty"')
+    delta = epsilon / 10 if delta is None else delta
+    if not 0 <= delta < 1:
+        raise ValueError(f"delta: {delta} must be in [0, 1)")
+    return _Settings(
+        epsilon=epsilon,
+        coarsest=coarsest,
+        delta=delta,
+        sigma=10.0 if sigma is None else sigma,
+        **others,
+    )
+
+
+def _given_fields(
+    surface: Surface, levels: int, initial: Initial | ArrayLike
+) -> dict[int, Floats]:
+    if isinstance(initial, str):
+        return {}
+    fields = np.asarray(initial, dtype=np.float64)
+    shapes = [(surface.n_vertices,), (2**levels - 1, surface.n_vertices)]
+    if fields.shape not in shapes:
+        raise ValueError(f"initial: shape {fields.shape}, expected {shapes[0]} or {shapes[1]}")
+    fields = fields.reshape(-1, surface.n_vertices)
+    return {i: surface.vector("initial", field) for i, field in enumerate(fields)}
+
+
+def _run(
+    nodes: Sequence[_Node],
+    executor: Executor | None,
+    progress: Callable[[Progress], None] | None,
+) -> list[_Split]:
+    if executor is None:
+        return [_split(node, progress) for node in nodes]
+    futures = [executor.submit(_split, node) for node in nodes]
+    splits = []
+    for node, future in zip(nodes, futures, strict=True):
+        split = future.result()
+        splits.append(split)
+        if progress is not None:
+            done = split.diagnostics
+            progress(
+                Progress(
+                    node.level + 1,
+                    node.index,
+                    node.settings.epsilon,
+                    done.iterations,
+                    done.energy,
+                )
+            )
+    return splits
+
+
+def _split(node: _Node, progress: Callable[[Progress], None] | None = None) -> _Split:
+    """Split one node: continuation in epsilon, then the check of the sharp segments."""
+    solver = _NodeSolver(node, progress)
+    solver.solve()
+    positive, level_set = solver.sharp()
+    found = _count_components(node, positive)
+    repairs = 0
+    crumbs = np.zeros_like(positive)
+    if node.settings.connected:
+        crumbs = _crumbs(node, positive)
+        while _share(node, crumbs) > _CRUMB and repairs < _REPAIR_ROUNDS:
+            repairs += 1
+            solver.turn_over(crumbs, positive)
+            solver.resolve(_REPAIR_GROWTH**repairs)
+            positive, level_set = solver.sharp()
+            crumbs = _crumbs(node, positive)
+        share = _share(node, crumbs)
+        if share > _CRUMB:
+            raise DisconnectedError(
+                f"level {node.level + 1}, node {node.index}: after {repairs} rounds of repair "
+                f"{100 * share:.2g} % of the area is cut off from the segments"
+            )
+        positive = positive ^ crumbs
+        components = _count_components(node, positive)
+        if components != (1, 1):
+            raise DisconnectedError(
+                f"level {node.level + 1}, node {node.index}: the two segments have "
+                f"{components[0]} and {components[1]} components"
+            )
+    return _Split(
+        u=solver.u,
+        positive=positive,
+        diagnostics=Diagnostics(
+            level=node.level,
+            node=node.index,
+            energy=solver.energy,
+            length=solver.length(),
+            violation=solver.violation,
+            iterations=solver.iterations,
+            evaluations=solver.evaluations,
+            converged=solver.converged,
+            components=found,
+            repairs=repairs,
+            relabelled_faces=int(crumbs.sum()),
+            relabelled_area=_share(node, crumbs),
+            level_set=level_set,
+        ),
+    )
+
+
+class _NodeSolver:
+    """The solves of one node and what is built once for all of them."""
+
+    def __init__(self, node: _Node, progress: Callable[[Progress], None] | None) -> None:
+        self.node = node
+        self.progress = progress
+        surface = node.surface
+        self.inside = np.ones(surface.n_vertices) if node.weight is None else node.weight
+        self.diagonal = surface.stiffness.diagonal()
+        self.area = Area(
+            surface, node.settings.epsilon, delta=node.settings.delta, weight=node.weight
+        )
+        self.u = _start(node) if node.initial is None else node.initial
+        self.multiplier = 0.0
+        self.penalty = node.settings.penalty
+        self.energy = np.nan
+        self.violation = np.nan
+        self.iterations = 0
+        self.evaluations = 0
+        self.converged = False
+
+    def solve(self) -> None:
+        """Halve epsilon down to its value, each stage from the minimiser of the last."""
+        stages = self._stages()
+        for k, epsilon in enumerate(stages):
+            # Noise has hundreds of components, each a search; the widest interface merges them
+            # before any of them matters.
+            connected = k > 0 or len(stages) == 1
+            self._stage(epsilon, connected=connected, weight=1.0, last=k == len(stages) - 1)
+
+    def resolve(self, weight: float) -> None:
+        """Solve again from the present field with a heavier connectedness term."""
+        self._stage(self.node.settings.epsilon, connected=True, weight=weight, last=True)
+
+    def _stages(self) -> list[float]:
+        settings = self.node.settings
+        coarsest = settings.coarsest
+        if coarsest is None:
+            coarsest = settings.epsilon
+            if self.node.initial is None:
+                coarsest = max(coarsest, _COARSEST * float(np.sqrt(self.area.total)))
+        stages = [settings.epsilon]
+        while 2 * stages[0] <= coarsest:
+            stages.insert(0, 2 * stages[0])
+        return stages
+
+    def _stage(self, epsilon: float, *, connected: bool, weight: float, last: bool) -> None:
+        node, settings = self.node, self.node.settings
+        terms: list[tuple[float, Any]] = [(1.0, self._perimeter(epsilon))]
+        if settings.connected and connected:
+            functional = Connectedness(node.surface, epsilon, weight=node.weight)
+            terms.append((weight * epsilon**-settings.kappa, functional))
+        mass = node.surface.mass
+        # The diagonal of the perimeter's Hessian at the pure phases, Psi''(1) = 9/2.
+        hessian = (self.inside + settings.eta) * (epsilon * self.diagonal + 4.5 / epsilon * mass)
+        hessian += 2 / settings.sigma * (1 - self.inside) * mass
+        before = self.iterations
+
+        def report(iteration: Iteration) -> None:
+            if self.progress is not None:
+                self.progress(
+                    Progress(
+                        node.level + 1,
+                        node.index,
+                        epsilon,
+                        before + iteration.number,
+                        iteration.energy,
+                    )
+                )
+
+        result = minimise(
+            terms,
+            self.area,
+            0.5 * self.area.total,
+            self.u,
+            scale=np.sqrt(hessian),
+            area=settings.area,
+            multiplier=self.multiplier,
+            penalty=self.penalty,
+            tolerance=1e-8 if last else _COARSE_TOLERANCE,
+            max_iterations=settings.max_iterations,
+            max_updates=30 if last else 1,
+            callback=report,
+        )
+        self.u = result.u
+        self.multiplier = result.multiplier
+        self.penalty = result.penalty
+        self.energy = result.energy
+        self.violation = result.violation
+        self.iterations += result.iterations
+        self.evaluations += result.evaluations
+        self.converged = result.converged
+
+    def _perimeter(self, epsilon: float) -> Perimeter:
+        settings = self.node.settings
+        return Perimeter(
+            self.node.surface,
+            epsilon,
+            weight=self.node.weight,
+            eta=settings.eta,
+            sigma=settings.sigma,
+        )
+
+    def length(self) -> float:
+        """Length of the interface: the weighted perimeter without its confinement, over sqrt 2."""
+        confinement = (1 - self.inside) @ (self.node.surface.mass * self.u**2)
+        value, _ = self._perimeter(self.node.settings.epsilon).value_and_gradient(self.u)
+        return float(value - confinement / self.node.settings.sigma) / float(np.sqrt(2))
+
+    def sharp(self) -> tuple[NDArray[np.bool_], float]:
+        """Faces of the positive segment, (m,), and the level set that bounds them.
+
+        The level is the one that halves the area of the node's faces: 0, by symmetry, but for
+        the size of a face, which the finest segments feel. Where the area is only penalised it
+        is 0.
+        """
+        chi = indicator(self.u, self.node.settings.delta)
+        faces = np.flatnonzero(self.node.faces)
+        difference = self.node.surface.face_mean(self.inside * (2 * chi - 1))[faces]
+        level = 0.0
+        if self.node.settings.area == "lagrangian":
+            order = np.argsort(-difference, kind="stable")
+            areas = np.cumsum(self.node.surface.face_areas[faces[order]])
+            half = int(np.argmin(np.abs(areas - 0.5 * areas[-1])))
+            level = float(difference[order[half]])
+        positive = np.zeros_like(self.node.faces)
+        positive[faces[difference >= level]] = True
+        return positive, level
+
+    def turn_over(self, crumbs: NDArray[np.bool_], positive: NDArray[np.bool_]) -> None:
+        """Give the vertices of crumbs the value of the other phase."""
+        faces = self.node.surface.faces
+        u = self.u.copy()
+        u[faces[crumbs & positive]] = -1.0
+        u[faces[crumbs & ~positive]] = 1.0
+        self.u = u
+
+
+def _start(node: _Node) -> Floats:
+    surface, settings = node.surface, node.settings
+    rng = np.random.default_rng([settings.seed, node.level, node.index])
+    if settings.initial == "random":
+        return rng.uniform(-1, 1, surface.n_vertices)
+    corners = surface.vertices[surface.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    at_vertices = np.zeros_like(surface.vertices)
+    for k in range(3):
+        np.add.at(at_vertices, surface.faces[:, k], normals)
+    at_vertices /= np.linalg.norm(at_vertices, axis=1, keepdims=True) + np.finfo(float).tiny
+    members = np.unique(surface.faces[node.faces])
+    _, cluster = scipy.cluster.vq.kmeans2(at_vertices[members], 2, minit="++", rng=rng)
+    u = np.zeros(surface.n_vertices)
+    u[members] = np.where(cluster == 0, 1.0, -1.0)
+    return u
+
+
+def _parts(node: _Node, positive: NDArray[np.bool_]) -> tuple[Ints, Ints]:
+    """Side of each face (0 and 1 in the node, -1 outside) and its component."""
+    sides = np.where(node.faces, np.where(positive, 0, 1), -1)
+    return sides, _core.label_components(node.surface._mesh, sides)
+
+
+def _count_components(node: _Node, positive: NDArray[np.bool_]) -> tuple[int, int]:
+    sides, parts = _parts(node, positive)
+    return len(np.unique(parts[sides == 0])), len(np.unique(parts[sides == 1]))
+
+
+def _crumbs(node: _Node, positive: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Faces to move to the other side so that both sides connect, where the node does.
+
+    All components but the largest of the positive side move; then all but the largest of what
+    the negative side has become.
+    """
+    moved = np.zeros_like(positive)
+    for side in (0, 1):
+        sides, parts = _parts(node, positive ^ moved)
+        mine = np.flatnonzero(sides == side)
+        areas = np.bincount(parts[mine], weights=node.surface.face_areas[mine])
+        moved[mine[parts[mine] != np.argmax(areas)]] ^= True
+    return moved
+
+
+def _share(node: _Node, faces: NDArray[np.bool_]) -> float:
+    areas = node.surface.face_areas
+    return float(areas[faces].sum() / areas[node.faces].sum())
+
+
+def _in_units(diagnostics: Diagnostics, length: float) -> Diagnostics:
+    return Diagnostics(**{**asdict(diagnostics), "length": diagnostics.length * length})

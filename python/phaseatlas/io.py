@@ -1,0 +1,123 @@
+"""Reading meshes and writing files, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from .surface import Surface
+
+if TYPE_CHECKING:
+    from .hierarchy import SegmentTree
+
+__all__ = ["load", "save_ply"]
+
+
+def load(path: str | PathLike[str]) -> Surface:
+    """Read a triangle mesh in any format that trimesh knows (OBJ, PLY, STL, OFF, GLB, ...).
+
+    Vertices at exactly equal positions are one vertex: formats that store texture seams or loose
+    triangles repeat them. Vertices keep the order of their first use.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        File to read.
+
+    Returns
+    -------
+    Surface
+
+    Raises
+    ------
+    ValueError
+        For a file that cannot be read as a mesh, a point cloud, and every mesh that `Surface`
+        refuses; the message starts with the file's name.
+    FileNotFoundError
+        For a missing file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path}: empty file")
+    try:
+        mesh = trimesh.load(path, force="mesh", process=False, maintain_order=True)
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    except Exception as error:
+        reason = str(error).strip().splitlines()
+        raise ValueError(
+            f"{path}: cannot be read as a mesh: {reason[0] if reason else type(error).__name__}"
+        ) from error
+    if len(faces) == 0:
+        raise ValueError(f"{path}: no faces; a point cloud or an empty mesh is no surface")
+    try:
+        return Surface(*_merge_coincident(vertices.astype(np.float64), faces.astype(np.int64)))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _merge_coincident(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(vertices):
+        return vertices, faces
+    representative = first[inverse.reshape(-1)]
+    kept = np.unique(representative)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        return vertices, faces
+    return vertices[kept], np.searchsorted(kept, representative[faces])
+
+
+def save_ply(tree: SegmentTree, path: str | PathLike[str]) -> None:
+    """Write the surface with its weights (per vertex) and labels (per face) as a binary PLY.
+
+    The vertex properties are weight_0, weight_1, ...; the face property is label.
+
+    Parameters
+    ----------
+    tree : SegmentTree
+        What to write.
+    path : str or PathLike
+        The file; written whole or not at all.
+    """
+    mesh = trimesh.Trimesh(tree.surface.vertices, tree.surface.faces, process=False)
+    for leaf, weight in enumerate(tree.weights):
+        mesh.vertex_attributes[f"weight_{leaf}"] = weight
+    mesh.face_attributes["label"] = tree.labels.astype(np.int32)
+    write_bytes(path, mesh.export(file_type="ply"))
+
+
+def write_bytes(path: str | PathLike[str], data: Any) -> None:
+    """Write a file whole or not at all."""
+    with write_whole(path) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def write_whole(path: str | PathLike[str]) -> Iterator[Path]:
+    """Give a temporary file beside `path` that takes its place when the block succeeds."""
+    path = Path(path)
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    os.close(descriptor)
+    temporary = Path(name)
+    try:
+        yield temporary
+        # mkstemp makes private files; the result gets what a plain open would give.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
