@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-import reference
 
 import phaseatlas as pa
+import reference
 from phaseatlas import datasets
 
 # Sums of a few thousand doubles in another order.
@@ -24,7 +24,8 @@ def make_field(kind, surface, smooth_field):
 
 def check_agreement(actual, expected):
     assert isinstance(actual[0], float)
-    assert actual[1].dtype == np.float64 and actual[1].shape == expected[1].shape
+    assert actual[1].dtype == np.float64
+    assert actual[1].shape == expected[1].shape
     assert actual[0] == pytest.approx(expected[0], rel=AGREE)
     assert np.linalg.norm(actual[1] - expected[1]) <= AGREE * np.linalg.norm(expected[1])
 
@@ -137,7 +138,7 @@ def test_rejects_bad_delta(small, delta):
 def test_rejects_bad_weight(small, bad):
     weight = np.full(small.n_vertices, 0.5)
     weight[7] = bad
-    with pytest.raises(ValueError, match="weight.*7"):
+    with pytest.raises(ValueError, match=r"weight.*7"):
         pa.functionals.Area(small, 0.1, weight=weight)
 
 

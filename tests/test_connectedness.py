@@ -10,9 +10,9 @@ import sys
 
 import numpy as np
 import pytest
-import reference
 
 import phaseatlas as pa
+import reference
 from phaseatlas import datasets
 
 # Sums of a few thousand doubles in another order.
@@ -41,7 +41,8 @@ def twin(surface, u, epsilon, weight=None, phase="both"):
 
 def check_agreement(actual, expected):
     assert isinstance(actual[0], float)
-    assert actual[1].dtype == np.float64 and actual[1].shape == expected[1].shape
+    assert actual[1].dtype == np.float64
+    assert actual[1].shape == expected[1].shape
     assert expected[0] > 0.0, "the case has to have something to connect"
     assert actual[0] == pytest.approx(expected[0], rel=AGREE)
     assert np.linalg.norm(actual[1] - expected[1]) <= AGREE * np.linalg.norm(expected[1])
@@ -107,14 +108,16 @@ def test_default_phase_is_both(surfaces):
     u = separate_bumps(surfaces, 0)
     by_default = pa.functionals.Connectedness(surfaces, 0.1).value_and_gradient(u)
     both = pa.functionals.Connectedness(surfaces, 0.1, phase="both").value_and_gradient(u)
-    assert by_default[0] == both[0] and np.array_equal(by_default[1], both[1])
+    assert by_default[0] == both[0]
+    assert np.array_equal(by_default[1], both[1])
 
 
 def test_negative_phase_mirrors_the_positive(surfaces):
     u = separate_bumps(surfaces, 2)
     positive = pa.functionals.Connectedness(surfaces, 0.1, phase="positive").value_and_gradient(u)
     negative = pa.functionals.Connectedness(surfaces, 0.1, phase="negative").value_and_gradient(-u)
-    assert positive[0] == pytest.approx(negative[0], rel=1e-14) and positive[0] > 0.0
+    assert positive[0] == pytest.approx(negative[0], rel=1e-14)
+    assert positive[0] > 0.0
     assert np.allclose(positive[1], -negative[1], rtol=0.0, atol=1e-14)
 
 
@@ -133,7 +136,8 @@ def test_repeated_calls_do_not_remember(surfaces):
     kept = gradient.copy()
     functional.value_and_gradient(separate_bumps(surfaces, 1))
     again = functional.value_and_gradient(u)
-    assert again[0] == value and np.array_equal(again[1], kept)
+    assert again[0] == value
+    assert np.array_equal(again[1], kept)
     assert np.array_equal(gradient, kept)
 
 
@@ -343,7 +347,8 @@ def test_zero_when_connected(surfaces):
         phase = "positive" if name == "absent" else name
         functional = pa.functionals.Connectedness(surfaces, 0.1, phase=phase)
         value, gradient = functional.value_and_gradient(u)
-        assert value == 0.0 and not gradient.any()
+        assert value == 0.0
+        assert not gradient.any()
     # One connected component, yet u is neither constant nor everywhere in the phase.
     phases = [
         p
@@ -354,7 +359,8 @@ def test_zero_when_connected(surfaces):
     for phase in phases:
         functional = pa.functionals.Connectedness(surfaces, 0.3, phase=phase)
         value, gradient = functional.value_and_gradient(halves)
-        assert value == 0.0 and not gradient.any()
+        assert value == 0.0
+        assert not gradient.any()
 
 
 def test_touching_in_a_vertex_is_not_connected():
@@ -365,7 +371,8 @@ def test_touching_in_a_vertex_is_not_connected():
     assert n_components(surface, u, 0.01) == 2
     value, _ = pa.functionals.Connectedness(surface, 0.01, phase="positive").value_and_gradient(u)
     expected, _ = reference.connectedness(*arrays(surface), u, 0.01)
-    assert value == pytest.approx(expected, rel=1e-12) and value > 0.0
+    assert value == pytest.approx(expected, rel=1e-12)
+    assert value > 0.0
 
 
 def test_path_through_a_third_component_is_free():
@@ -470,7 +477,7 @@ def test_rejects_bad_phase(small):
 def test_rejects_bad_weight(small, bad):
     weight = np.full(small.n_vertices, 0.5)
     weight[7] = bad
-    with pytest.raises(ValueError, match="weight.*7"):
+    with pytest.raises(ValueError, match=r"weight.*7"):
         pa.functionals.Connectedness(small, 0.1, weight=weight)
 
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-import reference
 import scipy.sparse as sp
 
+import reference
 from phaseatlas import datasets
 
 EXPECTED_TOPOLOGY = {
@@ -52,7 +52,8 @@ def test_topology(name):
 
 def test_sizes_and_edges(surfaces):
     vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
-    assert vertices.shape == (surfaces.n_vertices, 3) and vertices.dtype == np.float64
+    assert vertices.shape == (surfaces.n_vertices, 3)
+    assert vertices.dtype == np.float64
     assert faces.shape == (surfaces.n_faces, 3)
     corners = np.stack((faces, np.roll(faces, -1, axis=1)), axis=-1).reshape(-1, 2)
     edges = {(min(a, b), max(a, b)) for a, b in corners.tolist()}
@@ -105,7 +106,8 @@ def test_angle_defects_of_a_flat_sheet_sit_in_the_corners():
 
 def test_stiffness(surfaces):
     actual = surfaces.stiffness
-    assert sp.issparse(actual) and actual.format == "csr"
+    assert sp.issparse(actual)
+    assert actual.format == "csr"
     expected = reference.stiffness(np.asarray(surfaces.vertices), np.asarray(surfaces.faces))
     assert relative_error(actual.toarray(), expected) < AGREE
 
@@ -113,7 +115,8 @@ def test_stiffness(surfaces):
 def test_weighted_stiffness(surfaces, smooth_weight):
     weight = smooth_weight(surfaces)
     actual = surfaces.weighted_stiffness(weight)
-    assert sp.issparse(actual) and actual.format == "csr"
+    assert sp.issparse(actual)
+    assert actual.format == "csr"
     expected = reference.weighted_stiffness(
         np.asarray(surfaces.vertices), np.asarray(surfaces.faces), weight
     )

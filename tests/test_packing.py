@@ -23,6 +23,7 @@ def charts_of(surface, labels):
         uv = surface.vertices[vertices, :2] @ np.array([[cosine, sine], [-sine, cosine]])
         charts.append(
             Chart(
+                segment=label,
                 faces=faces,
                 labelled=np.ones(len(faces), dtype=bool),
                 vertices=vertices,

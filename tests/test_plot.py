@@ -58,6 +58,7 @@ def test_textures_are_neither_mirrored_nor_upside_down(sheet, four_colours, tmp_
 
 def test_layout_is_neither_mirrored_nor_upside_down(sheet, four_colours, tmp_path):
     only = Chart(
+        segment=0,
         faces=np.arange(sheet.n_faces),
         labelled=np.ones(sheet.n_faces, dtype=bool),
         vertices=np.arange(sheet.n_vertices),

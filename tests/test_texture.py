@@ -13,9 +13,10 @@ from phaseatlas.atlas import Atlas, Chart
 from phaseatlas.texture import bake, blend_vertices, checker, load_image, sample
 
 
-def chart(surface, labelled, weights, uv):
+def chart(surface, labelled, weights, uv, segment=0):
     """A chart over the whole sheet."""
     return Chart(
+        segment=segment,
         faces=np.arange(surface.n_faces),
         labelled=labelled,
         vertices=np.arange(surface.n_vertices),
@@ -49,7 +50,7 @@ def double():
     x = place[:, 0]
     charts = (
         chart(surface, labels == 0, 1.0 - x, place.copy()),
-        chart(surface, labels == 1, x.copy(), place + np.array([10.0, 0.0])),
+        chart(surface, labels == 1, x.copy(), place + np.array([10.0, 0.0]), 1),
     )
     return atlas_of(surface, charts, labels)
 
@@ -139,6 +140,7 @@ def test_vertices_on_a_cut_count_once():
     surface = datasets.sheet(2, 1)
     # Every face has its own copies of its vertices, as if all edges were cut.
     only = Chart(
+        segment=0,
         faces=np.arange(surface.n_faces),
         labelled=np.ones(surface.n_faces, dtype=bool),
         vertices=np.asarray(surface.faces).ravel(),

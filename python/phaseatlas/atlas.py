@@ -243,9 +243,7 @@ def _domains(tree: SegmentTree, raised: Floats) -> list[tuple[int, Ints]]:
     return domains
 
 
-def _blending_weights(
-    tree: SegmentTree, raised: Floats, domains: list[tuple[int, Ints]]
-) -> Floats:
+def _blending_weights(tree: SegmentTree, raised: Floats, domains: list[tuple[int, Ints]]) -> Floats:
     """Weights of the charts, (charts, n): those of the leaf on the domain, 0 elsewhere, sum 1.
 
     A leaf's weight lies in its domains but for specks that hold no labelled face; where one is

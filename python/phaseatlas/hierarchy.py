@@ -31,10 +31,11 @@ Initial = Literal["random", "normals"]
 # the interface is then as wide as the segment, and few local minima are left.
 _COARSEST = 0.2
 _COARSE_TOLERANCE = 1e-5
-# Crumbs up to this part of the area of their node are relabelled: single faces at the tips of a
-# jagged interface. Larger ones are turned over and the node is solved again, each round with a
-# heavier connectedness term.
-_CRUMB = 1e-3
+# Crumbs up to this part of the area of their node, or of this many faces, are relabelled: faces
+# at the tips of a jagged interface. Larger ones are turned over and the node is solved again,
+# each round with a heavier connectedness term.
+_CRUMB_SHARE = 1e-3
+_CRUMB_FACES = 4
 _REPAIR_ROUNDS = 4
 _REPAIR_GROWTH = 4.0
 
@@ -89,7 +90,7 @@ class Diagnostics:
     components : (int, int)
         Components of the two sharp segments as the solver left them.
     repairs : int
-        Rounds in which crumbs were turned over and the node solved again.
+        Times that crumbs were turned over and the node, or its next stage, solved again.
     relabelled_faces : int
         Faces of small crumbs, which got the label of what surrounds them.
     relabelled_area : float
@@ -220,10 +221,9 @@ class SegmentTree:
     @cached_property
     def areas(self) -> Floats:
         """Areas of the sharp leaves, (2**levels,), in the units of the surface squared."""
-        areas: Floats = np.bincount(
+        return np.bincount(
             self.labels, weights=self.surface.face_areas, minlength=2**self.levels
-        )
-        return areas
+        ).astype(np.float64)
 
     @cached_property
     def components(self) -> Ints:
@@ -476,9 +476,7 @@ def _settings(
     )
 
 
-def _given_fields(
-    surface: Surface, levels: int, initial: Initial | ArrayLike
-) -> dict[int, Floats]:
+def _given_fields(surface: Surface, levels: int, initial: Initial | ArrayLike) -> dict[int, Floats]:
     if isinstance(initial, str):
         return {}
     fields = np.asarray(initial, dtype=np.float64)
@@ -521,21 +519,19 @@ def _split(node: _Node, progress: Callable[[Progress], None] | None = None) -> _
     solver.solve()
     positive, level_set = solver.sharp()
     found = _count_components(node, positive)
-    repairs = 0
     crumbs = np.zeros_like(positive)
     if node.settings.connected:
         crumbs = _crumbs(node, positive)
-        while _share(node, crumbs) > _CRUMB and repairs < _REPAIR_ROUNDS:
-            repairs += 1
-            solver.turn_over(crumbs, positive)
-            solver.resolve(_REPAIR_GROWTH**repairs)
+        for k in range(_REPAIR_ROUNDS):
+            if not solver.repair(crumbs, positive):
+                break
+            solver.resolve(_REPAIR_GROWTH ** (k + 1))
             positive, level_set = solver.sharp()
             crumbs = _crumbs(node, positive)
-        share = _share(node, crumbs)
-        if share > _CRUMB:
+        if not _small(node, crumbs):
             raise DisconnectedError(
-                f"level {node.level + 1}, node {node.index}: after {repairs} rounds of repair "
-                f"{100 * share:.2g} % of the area is cut off from the segments"
+                f"level {node.level + 1}, node {node.index}: {100 * _share(node, crumbs):.2g} % of "
+                f"the area is cut off from the segments after {solver.repairs} rounds of repair"
             )
         positive = positive ^ crumbs
         components = _count_components(node, positive)
@@ -557,7 +553,7 @@ def _split(node: _Node, progress: Callable[[Progress], None] | None = None) -> _
             evaluations=solver.evaluations,
             converged=solver.converged,
             components=found,
-            repairs=repairs,
+            repairs=solver.repairs,
             relabelled_faces=int(crumbs.sum()),
             relabelled_area=_share(node, crumbs),
             level_set=level_set,
@@ -584,6 +580,7 @@ class _NodeSolver:
         self.violation = np.nan
         self.iterations = 0
         self.evaluations = 0
+        self.repairs = 0
         self.converged = False
 
     def solve(self) -> None:
@@ -593,7 +590,12 @@ class _NodeSolver:
             # Noise has hundreds of components, each a search; the widest interface merges them
             # before any of them matters.
             connected = k > 0 or len(stages) == 1
-            self._stage(epsilon, connected=connected, weight=1.0, last=k == len(stages) - 1)
+            last = k == len(stages) - 1
+            self._stage(epsilon, connected=connected, weight=1.0, last=last)
+            if self.node.settings.connected and not last:
+                # A coarse stage is cheap to repair: what it leaves apart would have to grow a
+                # bridge, or melt, on the finer ones.
+                self.repair(*self._found_crumbs())
 
     def resolve(self, weight: float) -> None:
         """Solve again from the present field with a heavier connectedness term."""
@@ -694,13 +696,21 @@ class _NodeSolver:
         positive[faces[difference >= level]] = True
         return positive, level
 
-    def turn_over(self, crumbs: NDArray[np.bool_], positive: NDArray[np.bool_]) -> None:
-        """Give the vertices of crumbs the value of the other phase."""
+    def repair(self, crumbs: NDArray[np.bool_], positive: NDArray[np.bool_]) -> bool:
+        """Give the vertices of crumbs the value of the other phase, if there is enough of them."""
+        if _small(self.node, crumbs):
+            return False
         faces = self.node.surface.faces
         u = self.u.copy()
         u[faces[crumbs & positive]] = -1.0
         u[faces[crumbs & ~positive]] = 1.0
         self.u = u
+        self.repairs += 1
+        return True
+
+    def _found_crumbs(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        positive, _ = self.sharp()
+        return _crumbs(self.node, positive), positive
 
 
 def _start(node: _Node) -> Floats:
@@ -745,6 +755,10 @@ def _crumbs(node: _Node, positive: NDArray[np.bool_]) -> NDArray[np.bool_]:
         areas = np.bincount(parts[mine], weights=node.surface.face_areas[mine])
         moved[mine[parts[mine] != np.argmax(areas)]] ^= True
     return moved
+
+
+def _small(node: _Node, crumbs: NDArray[np.bool_]) -> bool:
+    return bool(crumbs.sum() <= _CRUMB_FACES) or _share(node, crumbs) <= _CRUMB_SHARE
 
 
 def _share(node: _Node, faces: NDArray[np.bool_]) -> float:

@@ -51,7 +51,7 @@ def load(path: str | PathLike[str]) -> Surface:
     if path.stat().st_size == 0:
         raise ValueError(f"{path}: empty file")
     try:
-        mesh = trimesh.load(path, force="mesh", process=False, maintain_order=True)
+        mesh: Any = trimesh.load(path, force="mesh", process=False, maintain_order=True)
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     except Exception as error:
         reason = str(error).strip().splitlines()

@@ -21,6 +21,9 @@ Ints = NDArray[np.int64]
 
 # The packer searches positions texel by texel, at a cost that grows like the fourth power of this.
 _SEARCH_RESOLUTION = 512
+# Faces below these sizes, in texels of the search, are degenerate to xatlas in single precision.
+_SHORTEST_EDGE = 1e-3
+_SMALLEST_FACE = 1e-5
 # Packings to choose from.
 _TRIALS = 12
 # Share of the square that charts of ordinary shape fill; only sets how fine the search is.
@@ -197,8 +200,9 @@ def _place(pieces: Sequence[Floats], reach: int) -> tuple[list[Floats], float]:
     Every piece keeps ``reach`` texels around it to itself. Pieces end up at least 2 reach - 1
     apart: xatlas stretches them to whole texels, and undoing that moves each point by up to one.
     """
-    sizes = [len(piece) for piece in pieces]
-    corners = np.concatenate(pieces).reshape(-1, 2)
+    solid = [_solid(piece, reach) for piece in pieces]
+    sizes = [len(piece) for piece in solid]
+    corners = np.concatenate(solid).reshape(-1, 2)
     owner = np.repeat(np.arange(len(pieces)), sizes)
     # xatlas takes two meshes whose buffers have the same address for copies of each other, which
     # freed temporaries of one call per chart can have: one mesh, told apart by material, is safe.
@@ -222,8 +226,37 @@ def _place(pieces: Sequence[Floats], reach: int) -> tuple[list[Floats], float]:
     high = np.full((len(pieces), 2), -np.inf)
     np.minimum.at(low, piece, texels)
     np.maximum.at(high, piece, texels)
-    _check_placed(pieces, low, high, atlas.atlas_count)
-    return list(low), float(max(atlas.width, atlas.height))
+    _check_placed(solid, low, high, atlas.atlas_count)
+    offsets = [at - piece.min(axis=(0, 1)) for at, piece in zip(low, solid, strict=True)]
+    return offsets, float(max(atlas.width, atlas.height))
+
+
+def _solid(piece: Floats, reach: int) -> Floats:
+    """The largest part of a piece that xatlas does not take for degenerate.
+
+    A conformal map shrinks the tip of a limb to less than single precision resolves; xatlas
+    ignores such faces, and what is joined by them alone would be placed apart. They lie inside
+    the rest, whose outline is what counts.
+    """
+    edges = np.linalg.norm(piece - np.roll(piece, 1, axis=1), axis=2)
+    areas = _face_areas(piece)
+    sound = (edges.min(axis=1) > _SHORTEST_EDGE) & (areas > _SMALLEST_FACE)
+    if sound.all():
+        return piece
+    kept = np.flatnonzero(sound)
+    _, vertices = np.unique(piece.reshape(-1, 2), axis=0, return_inverse=True)
+    count, part = _edge_components(vertices.reshape(-1, 3)[kept])
+    if count == 0:
+        raise RuntimeError("a piece is too small to be placed; a finer resolution may help")
+    weight = np.bincount(part, weights=areas[kept], minlength=count)
+    solid: Floats = piece[kept[part == np.argmax(weight)]]
+    beyond = np.maximum(
+        solid.min(axis=(0, 1)) - piece.min(axis=(0, 1)),
+        piece.max(axis=(0, 1)) - solid.max(axis=(0, 1)),
+    )
+    if (beyond > 0.5 * reach).any():
+        raise RuntimeError("a piece hangs together by faces of no area in the plane")
+    return solid
 
 
 def _check_placed(pieces: Sequence[Floats], low: Floats, high: Floats, atlas_count: int) -> None:

@@ -169,9 +169,7 @@ class Surface:
         """Check and convert one finite value a vertex; `argument` names it in the error."""
         array = np.ascontiguousarray(values, dtype=np.float64)
         if np.shape(values) != (self.n_vertices,):
-            raise ValueError(
-                f"{argument}: shape {np.shape(values)}, expected ({self.n_vertices},)"
-            )
+            raise ValueError(f"{argument}: shape {np.shape(values)}, expected ({self.n_vertices},)")
         finite = np.isfinite(array)
         if not finite.all():
             index = int(np.argmin(finite))

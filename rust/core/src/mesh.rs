@@ -217,7 +217,7 @@ pub(crate) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     dot(d, d).sqrt()
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -353,8 +353,11 @@ impl FaceGeometry {
             let diameter = (0..3)
                 .map(|k| distance(p[k], p[(k + 1) % 3]))
                 .fold(0.0, f64::max);
-            // Written so that NaN and overflow count as degenerate too.
-            if !(double_area > DEGENERATE * diameter * diameter) || !double_area.is_finite() {
+            // Huge coordinates overflow to infinity or NaN.
+            if double_area.is_nan()
+                || double_area <= DEGENERATE * diameter * diameter
+                || double_area.is_infinite()
+            {
                 return Err(Error::DegenerateFace {
                     face,
                     vertices: *corners,

@@ -3,13 +3,16 @@ use phaseatlas_core::raster;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+/// Face and count of every texel.
+type Texels<'py> = (Bound<'py, PyArray2<i32>>, Bound<'py, PyArray2<u8>>);
+
 /// The face that covers each texel centre (-1 for none) and how many do, rows from the top.
 #[pyfunction]
 pub fn rasterize<'py>(
     py: Python<'py>,
     uv: PyReadonlyArray3<'_, f64>,
     resolution: usize,
-) -> PyResult<(Bound<'py, PyArray2<i32>>, Bound<'py, PyArray2<u8>>)> {
+) -> PyResult<Texels<'py>> {
     let view = uv.as_array();
     if view.shape()[1..] != [3, 2] {
         return Err(PyValueError::new_err(format!(

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::error::{Error, Result};
 use crate::linear::{Cholesky, Factorisation};
-use crate::mesh::{NONE, TriangleMesh, dot, subtract};
+use crate::mesh::{NONE, TriangleMesh, cross, dot, subtract};
 use crate::operators::Stiffness;
 
 /// Shift of the conformal energy, which is singular on translations, relative to its diagonal.
@@ -142,11 +142,8 @@ fn initial_map(mesh: &TriangleMesh) -> Vec<f64> {
     let mut normal = [0.0; 3];
     for face in mesh.faces() {
         let p = face.map(|v| mesh.vertices()[v as usize]);
-        let (a, b) = (subtract(p[1], p[0]), subtract(p[2], p[0]));
-        for i in 0..3 {
-            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            normal[i] += a[j] * b[k] - a[k] * b[j];
-        }
+        let twice = cross(subtract(p[1], p[0]), subtract(p[2], p[0]));
+        normal.iter_mut().zip(twice).for_each(|(n, t)| *n += t);
     }
     let smallest = (0..3).fold(0, |s, i| {
         if normal[i].abs() < normal[s].abs() {
@@ -155,16 +152,10 @@ fn initial_map(mesh: &TriangleMesh) -> Vec<f64> {
             s
         }
     });
-    let mut first = [0.0; 3];
-    first[smallest] = 1.0;
-    let along = dot(first, normal) / dot(normal, normal).max(f64::MIN_POSITIVE);
-    for i in 0..3 {
-        first[i] -= along * normal[i];
-    }
-    let second = [0, 1, 2].map(|i: usize| {
-        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-        normal[j] * first[k] - normal[k] * first[j]
-    });
+    let mut axis = [0.0; 3];
+    axis[smallest] = 1.0;
+    let first = cross(normal, axis);
+    let second = cross(normal, first);
     let length = |v: [f64; 3]| dot(v, v).sqrt().max(f64::MIN_POSITIVE);
     let mut x = vec![0.0; 2 * n];
     for (v, &p) in mesh.vertices().iter().enumerate() {

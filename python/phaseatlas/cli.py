@@ -1,0 +1,272 @@
+"""The command line: segment, atlas, info, demo."""
+
+from __future__ import annotations
+
+import enum
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import rich.progress
+import rich.table
+import typer
+from rich.console import Console
+
+from . import datasets, plot
+from .atlas import Atlas, build_atlas
+from .hierarchy import DisconnectedError, Progress, SegmentTree, segment
+from .io import load, save_ply
+from .surface import Surface
+from .texture import load_image
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Cut surfaces into connected segments of equal area and turn them into texture atlases.",
+)
+
+
+class Solver(enum.StrEnum):
+    lbfgs = "lbfgs"
+
+
+class Flatten(enum.StrEnum):
+    lscm = "lscm"
+
+
+class Initial(enum.StrEnum):
+    random = "random"
+    normals = "normals"
+
+
+Mesh = Annotated[
+    Path, typer.Argument(metavar="MESH", help="Triangle mesh: OBJ, PLY, STL, OFF, GLB, ...")
+]
+Levels = Annotated[int, typer.Option(help="Depth of the binary tree: 2^levels segments.")]
+Connected = Annotated[
+    bool, typer.Option("--connected/--no-connected", help="Keep every segment in one piece.")
+]
+Epsilon = Annotated[
+    float | None,
+    typer.Option(
+        help="Interface width in the units of the mesh.", show_default="2 mean edge lengths"
+    ),
+]
+SolverOption = Annotated[Solver, typer.Option(help="Optimiser.")]
+Start = Annotated[Initial, typer.Option(help="Start: random values or two clusters of normals.")]
+Seed = Annotated[int, typer.Option(help="Seed of the random start.", min=0)]
+FlattenOption = Annotated[Flatten, typer.Option(help="Chart map: least-squares conformal.")]
+
+
+@app.command("segment")
+def segment_command(
+    mesh: Mesh,
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="OUT.npz: everything; OUT.ply: weights and labels."),
+    ],
+    levels: Levels = 3,
+    connected: Connected = True,
+    epsilon: Epsilon = None,
+    solver: SolverOption = Solver.lbfgs,
+    initial: Start = Initial.random,
+    seed: Seed = 0,
+) -> None:
+    """Segment a mesh into 2^levels connected segments of equal area."""
+    _check_output(output, ".npz", ".ply")
+    tree = _segment(load(mesh), levels, connected, epsilon, solver, initial, seed)
+    if output.suffix.lower() == ".npz":
+        tree.save(output)
+    else:
+        save_ply(tree, output)
+    _print_tree(tree)
+
+
+@app.command("atlas")
+def atlas_command(
+    mesh: Mesh,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="OUT.glb, or OUT.obj with its .mtl and .png.")
+    ],
+    levels: Levels = 3,
+    connected: Connected = True,
+    epsilon: Epsilon = None,
+    solver: SolverOption = Solver.lbfgs,
+    initial: Start = Initial.random,
+    seed: Seed = 0,
+    flatten: FlattenOption = Flatten.lscm,
+    texture: Annotated[
+        Path | None,
+        typer.Option(help="Image repeated over the charts and blended.", show_default="a checker"),
+    ] = None,
+    resolution: Annotated[
+        int, typer.Option(help="Side of the baked texture in texels.", min=16, max=16384)
+    ] = 1024,
+) -> None:
+    """Segment a mesh, flatten the segments and write it with a blended texture."""
+    _check_output(output, ".glb", ".obj")
+    image = None if texture is None else load_image(texture)
+    tree = _segment(load(mesh), levels, connected, epsilon, solver, initial, seed)
+    atlas = build_atlas(tree, flatten=flatten.value, resolution=resolution)
+    atlas.save(output, texture=image, resolution=resolution)
+    _print_tree(tree)
+    _print_metrics(atlas)
+
+
+@app.command()
+def info(mesh: Mesh) -> None:
+    """Print what a mesh is: size, topology, area, edge lengths, quality."""
+    surface = load(mesh)
+    table = rich.table.Table(show_header=False, box=None)
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    for name, value in {
+        "vertices": f"{surface.n_vertices}",
+        "faces": f"{surface.n_faces}",
+        "genus": f"{surface.genus}",
+        "boundary loops": f"{surface.n_boundary_loops}",
+        "area": f"{surface.area:.6g}",
+        "extent": " x ".join(f"{side:.6g}" for side in high - low),
+        "mean edge length": f"{surface.mean_edge_length:.6g}",
+        "worst face quality": f"{surface.face_quality.min():.3g} (1 = equilateral)",
+        "default epsilon": f"{2 * surface.mean_edge_length:.6g}",
+    }.items():
+        table.add_row(name, value)
+    Console().print(table)
+
+
+@app.command()
+def demo(
+    folder: Annotated[
+        Path, typer.Argument(metavar="[FOLDER]", help="Where to write; made where missing.")
+    ] = Path("phaseatlas-demo"),
+    levels: Levels = 3,
+) -> None:
+    """Run the whole pipeline on a surface made here, with pictures."""
+    folder.mkdir(parents=True, exist_ok=True)
+    surface = datasets.starfish()
+    start = time.perf_counter()
+    tree = _segment(surface, levels, True, None, Solver.lbfgs, Initial.random, 0)
+    segmented = time.perf_counter()
+    atlas = build_atlas(tree, resolution=2048)
+    flattened = time.perf_counter()
+    image = atlas.bake(resolution=2048)
+    atlas.save(folder / "starfish.glb", resolution=2048)
+    plot.segments(surface, tree.weights, folder / "segments.png")
+    plot.uv_layout(atlas, image, folder / "uv.png")
+    drawn = time.perf_counter()
+    _print_tree(tree)
+    _print_metrics(atlas)
+    console = Console()
+    console.print(
+        f"seconds: segmentation {segmented - start:.2f}, charts {flattened - segmented:.2f}, "
+        f"texture and pictures {drawn - flattened:.2f}"
+    )
+    for name in ("starfish.glb", "segments.png", "uv.png"):
+        console.print(f"wrote {folder / name}", soft_wrap=True)
+
+
+def main() -> None:
+    """Run the command line; errors are one line and a non-zero exit code."""
+    try:
+        app()
+    except (ValueError, OSError, DisconnectedError, RuntimeError, MemoryError) as error:
+        message = " ".join(str(error).split()) or type(error).__name__
+        print(f"phaseatlas: {message}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _check_output(output: Path, *suffixes: str) -> None:
+    """Refuse before the work what could not be written after it."""
+    if output.suffix.lower() not in suffixes:
+        raise ValueError(f"output: {output} must end in {' or '.join(suffixes)}")
+    if not output.absolute().parent.is_dir():
+        raise ValueError(f"output: the folder of {output} does not exist")
+
+
+def _segment(
+    surface: Surface,
+    levels: int,
+    connected: bool,
+    epsilon: float | None,
+    solver: Solver,
+    initial: Initial,
+    seed: int,
+) -> SegmentTree:
+    with _progress(levels) as report:
+        return segment(
+            surface,
+            levels,
+            connected=connected,
+            epsilon=epsilon,
+            solver=solver.value,
+            initial=initial.value,
+            seed=seed,
+            progress=report,
+        )
+
+
+@contextmanager
+def _progress(levels: int) -> Iterator[Callable[[Progress], None]]:
+    console = Console(stderr=True)
+    bar = rich.progress.Progress(
+        rich.progress.BarColumn(),
+        rich.progress.TextColumn("{task.description}"),
+        rich.progress.TimeElapsedColumn(),
+        console=console,
+        disable=not console.is_terminal,
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task("", total=2**levels - 1 if levels > 0 else None)
+
+        def report(state: Progress) -> None:
+            bar.update(
+                task,
+                completed=2 ** (state.level - 1) - 1 + state.node,
+                description=(
+                    f"level {state.level} of {levels}, node {state.node + 1} of "
+                    f"{2 ** (state.level - 1)}, iteration {state.iteration}, "
+                    f"energy {state.energy:.6f}"
+                ),
+            )
+
+        yield report
+
+
+def _print_tree(tree: SegmentTree) -> None:
+    table = rich.table.Table(box=None)
+    for heading in ("segment", "area", "share %", "components"):
+        table.add_column(heading, justify="right")
+    shares = 100 * tree.areas / tree.surface.area
+    for leaf, (area, share, parts) in enumerate(
+        zip(tree.areas, shares, tree.components, strict=True)
+    ):
+        table.add_row(f"{leaf}", f"{area:.6g}", f"{share:.3f}", f"{parts}")
+    console = Console()
+    console.print(table)
+    length = sum(d.length for d in tree.diagnostics)
+    steps = sum(d.iterations for d in tree.diagnostics)
+    violation = max(abs(d.violation) for d in tree.diagnostics)
+    console.print(
+        f"interface length {length:.6g} ({length / np.sqrt(tree.surface.area):.3f} sqrt(area)), "
+        f"{steps} iterations, area constraint met to {violation:.1e}"
+    )
+    repaired = [d for d in tree.diagnostics if d.repairs or d.relabelled_faces]
+    for d in repaired:
+        console.print(
+            f"level {d.level + 1}, node {d.node}: {d.components[0]} + {d.components[1]} "
+            f"components, {d.repairs} rounds of repair, {d.relabelled_faces} faces relabelled "
+            f"({100 * d.relabelled_area:.2g} % of the area)"
+        )
+
+
+def _print_metrics(atlas: Atlas) -> None:
+    values = (f"{name} {value:.4g}" for name, value in atlas.metrics().items())
+    Console().print(", ".join(values))
