@@ -36,7 +36,7 @@ def sphere():
 
 @pytest.fixture(scope="module")
 def star():
-    return pa.datasets.starfish(3)
+    return pa.datasets.starfish(4)
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +132,14 @@ def test_real_meshes_fall_into_connected_eighths(mesh_path, name):
     inner = pairs[tree.labels[pairs[:, 0]] == tree.labels[pairs[:, 1]]]
     parts = trimesh.graph.connected_components(inner, nodes=np.arange(tree.surface.n_faces))
     assert len(parts) == 8
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_coarse_segments_of_a_hundred_faces_are_connected_too(seed):
+    # A single face is more than a thousandth of such a segment.
+    tree = pa.segment(pa.datasets.starfish(3), 3, seed=seed)
+    assert tree.components.tolist() == [1] * 8
+    np.testing.assert_allclose(tree.areas, tree.surface.area / 8.0, rtol=0.05)
 
 
 def test_penalty_leaves_a_larger_violation(star):
@@ -269,7 +277,7 @@ def test_a_solution_is_a_start_that_needs_few_steps(tree):
     again = pa.segment(tree.surface, 3, initial=tree.fields)
     assert (again.labels != tree.labels).mean() < 0.01
     first = sum(record.iterations for record in tree.diagnostics)
-    assert 4 * sum(record.iterations for record in again.diagnostics) < first
+    assert 2 * sum(record.iterations for record in again.diagnostics) < first
 
 
 def test_clusters_of_normals_are_a_start():
@@ -458,7 +466,7 @@ def test_files_that_hold_no_tree_are_refused(tree, tmp_path):
         {"diagnostics": "[1]"},
         {"fields": np.zeros((7, 5))},
         {"labels": np.zeros(5, dtype=np.int64)},
-        {"labels": np.full(1280, 99)},
+        {"labels": np.full(5120, 99)},
         {"levels": 2},
     ],
     ids=lambda change: "-".join(f"{key}" for key in change),

@@ -135,7 +135,8 @@ def test_empty_file(tmp_path, suffix):
 def test_random_bytes(tmp_path, suffix):
     noise = np.random.default_rng(0).bytes(4000)
     message = refusal(written(tmp_path / f"noise.{suffix}", noise))
-    assert message.startswith("cannot be read as a mesh: ")
+    # Text formats skip lines that they do not know, and find nothing.
+    assert message.startswith(("cannot be read as a mesh: ", "no faces"))
     # The file is at fault, not the installation.
     assert "module" not in message
 
@@ -148,7 +149,7 @@ def test_truncated_file(tmp_path, suffix):
     whole = written(tmp_path / f"whole.{suffix}", data)
     assert pa.load(whole).n_faces == sphere.n_faces
     message = refusal(written(tmp_path / f"half.{suffix}", data[: len(data) // 2]))
-    assert message.startswith("cannot be read as a mesh: ")
+    assert message.startswith(("cannot be read as a mesh: ", "no faces"))
     assert "module" not in message
 
 
