@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy.cluster.vq
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from . import _core
 from .functionals import Area, Connectedness, Perimeter, indicator
@@ -280,28 +281,45 @@ class SegmentTree:
             with np.load(Path(path), allow_pickle=False) as file:
                 arrays = {key: file[key] for key in file.files}
             version = int(arrays["format"])
+            if version <= _FORMAT:
+                return _tree(arrays)
         except FileNotFoundError:
             raise
         except Exception as error:
-            raise ValueError(f"{path}: no segmentation: {error}") from error
-        if version > _FORMAT:
-            raise ValueError(f"{path}: format {version} is newer than {_FORMAT}")
-        records = json.loads(str(arrays["diagnostics"]))
-        for record in records:
-            record["components"] = tuple(record["components"])
-        return SegmentTree(
-            surface=Surface(arrays["vertices"], arrays["faces"]),
-            levels=int(arrays["levels"]),
-            epsilon=float(arrays["epsilon"]),
-            delta=float(arrays["delta"]),
-            fields=arrays["fields"],
-            labels=arrays["labels"],
-            diagnostics=tuple(Diagnostics(**record) for record in records),
-        )
+            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            raise ValueError(f"{path}: no segmentation: {reason}") from error
+        raise ValueError(f"{path}: format {version} is newer than {_FORMAT}")
 
     def _check_level(self, level: int) -> None:
         if not 0 <= level <= self.levels:
             raise ValueError(f"level: {level} must be in 0..{self.levels}")
+
+
+def _tree(arrays: dict[str, Any]) -> SegmentTree:
+    """Tree of the arrays of a file, checked for what a damaged or foreign one may hold."""
+    records = json.loads(str(arrays["diagnostics"]))
+    for record in records:
+        record["components"] = tuple(record["components"])
+    surface = Surface(arrays["vertices"], arrays["faces"])
+    levels, labels = int(arrays["levels"]), arrays["labels"]
+    shapes = {
+        "fields": (2**levels - 1, surface.n_vertices),
+        "labels": (surface.n_faces,),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"{name}: shape {arrays[name].shape}, expected {shape}")
+    if labels.min() < 0 or labels.max() >= 2**levels:
+        raise ValueError(f"labels: outside 0..{2**levels - 1}")
+    return SegmentTree(
+        surface=surface,
+        levels=levels,
+        epsilon=float(arrays["epsilon"]),
+        delta=float(arrays["delta"]),
+        fields=arrays["fields"],
+        labels=labels,
+        diagnostics=tuple(Diagnostics(**record) for record in records),
+    )
 
 
 def segment(
@@ -453,9 +471,21 @@ def _settings(
     solver: str,
     **others: Any,
 ) -> _Settings:
-    for name, value in {"epsilon": epsilon, "epsilon_start": coarsest, "sigma": sigma}.items():
+    positive = {
+        "epsilon": epsilon,
+        "epsilon_start": coarsest,
+        "sigma": sigma,
+        "penalty": others["penalty"],
+    }
+    for name, value in positive.items():
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name}: {value} must be a positive number")
+    for name in ("eta", "kappa"):
+        if not (np.isfinite(others[name]) and others[name] >= 0):
+            raise ValueError(f"{name}: {others[name]} must be a number of at least 0")
+    for name, least in {"seed": 0, "max_iterations": 1}.items():
+        if others[name] < least:
+            raise ValueError(f"{name}: {others[name]} must be at least {least}")
     if epsilon >= 1:
         raise ValueError(f"epsilon: {epsilon:g} times the square root of the area; must be below 1")
     if solver != "lbfgs":
@@ -492,29 +522,38 @@ def _run(
     executor: Executor | None,
     progress: Callable[[Progress], None] | None,
 ) -> list[_Split]:
-    if executor is None:
-        return [_split(node, progress) for node in nodes]
-    futures = [executor.submit(_split, node) for node in nodes]
-    splits = []
-    for node, future in zip(nodes, futures, strict=True):
-        split = future.result()
-        splits.append(split)
-        if progress is not None:
-            done = split.diagnostics
-            progress(
-                Progress(
-                    node.level + 1,
-                    node.index,
-                    node.settings.epsilon,
-                    done.iterations,
-                    done.energy,
+    # Set here too: limits that overlapping threads set and reset would undo one another.
+    with threadpool_limits(1, user_api="blas"):
+        if executor is None:
+            return [_split(node, progress) for node in nodes]
+        futures = [executor.submit(_split, node) for node in nodes]
+        splits = []
+        for node, future in zip(nodes, futures, strict=True):
+            split = future.result()
+            splits.append(split)
+            if progress is not None:
+                done = split.diagnostics
+                progress(
+                    Progress(
+                        node.level + 1,
+                        node.index,
+                        node.settings.epsilon,
+                        done.iterations,
+                        done.energy,
+                    )
                 )
-            )
-    return splits
+        return splits
 
 
 def _split(node: _Node, progress: Callable[[Progress], None] | None = None) -> _Split:
     """Split one node: continuation in epsilon, then the check of the sharp segments."""
+    # OpenBLAS shares sums over more than 10,000 terms among its threads: the sums then depend on
+    # their number, and threads that spin beside those of the core cost far more than they give.
+    with threadpool_limits(1, user_api="blas"):
+        return _split_alone(node, progress)
+
+
+def _split_alone(node: _Node, progress: Callable[[Progress], None] | None) -> _Split:
     solver = _NodeSolver(node, progress)
     solver.solve()
     positive, level_set = solver.sharp()

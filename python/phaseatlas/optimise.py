@@ -59,7 +59,8 @@ class Result:
     iterations, evaluations : int
         Steps taken, and evaluations of all functionals.
     converged : bool
-        Whether the step limit was not reached and the constraint is met.
+        Whether the constraint is met and the last solve ended neither at the step limit nor in
+        a line search that failed twice.
     """
 
     u: NDArray[np.float64]
@@ -182,6 +183,7 @@ def minimise(
             callback(Iteration(iterations, lagrangian.energy, lagrangian.violation))
 
     previous_violation = np.inf
+    stopped_at_minimum = False
     for _ in range(max_updates):
         for _ in range(2):
             # A path of the connectedness functional that switches is a kink: a line search may
@@ -201,7 +203,8 @@ def minimise(
                 },
             )
             x = solution.x
-            if solution.status != 2:
+            stopped_at_minimum = solution.status != 2
+            if stopped_at_minimum:
                 break
         lagrangian(x)
         violation = abs(lagrangian.violation)
@@ -219,6 +222,7 @@ def minimise(
         penalty=lagrangian.penalty,
         iterations=iterations,
         evaluations=lagrangian.evaluations,
-        converged=iterations < max_iterations
+        converged=stopped_at_minimum
+        and iterations < max_iterations
         and (area == "penalty" or abs(lagrangian.violation) <= feasibility),
     )

@@ -5,6 +5,7 @@ use phaseatlas_core::flatten as core;
 use pyo3::prelude::*;
 
 use crate::mesh::{TriangleMesh, array2};
+use crate::pool::detached;
 use crate::to_python;
 
 /// The mesh of a chart cut to a disk, the surface vertex of each of its vertices, the Euler
@@ -24,9 +25,7 @@ pub fn cut_chart<'py>(
     faces: PyReadonlyArray1<'_, i64>,
 ) -> PyResult<CutChart<'py>> {
     let faces = faces.as_slice()?;
-    let chart = py
-        .detach(|| core::ChartMesh::new(&mesh.core, faces))
-        .map_err(to_python)?;
+    let chart = detached(py, || core::ChartMesh::new(&mesh.core, faces))?.map_err(to_python)?;
     let triangles: Vec<[i64; 3]> = chart
         .mesh
         .faces()
@@ -48,6 +47,6 @@ pub fn cut_chart<'py>(
 /// Least-squares conformal map of a disk, one point a vertex.
 #[pyfunction]
 pub fn lscm<'py>(py: Python<'py>, mesh: &TriangleMesh) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let uv = py.detach(|| core::lscm(&mesh.core)).map_err(to_python)?;
+    let uv = detached(py, || core::lscm(&mesh.core))?.map_err(to_python)?;
     array2(py, &uv)
 }

@@ -4,6 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::mesh::TriangleMesh;
+use crate::pool::detached;
 use crate::to_python;
 
 fn evaluate<'py>(
@@ -15,9 +16,7 @@ fn evaluate<'py>(
     let gradient = PyArray1::zeros(py, u.len(), false);
     let mut borrowed = gradient.readwrite();
     let entries = borrowed.as_slice_mut()?;
-    let value = py
-        .detach(|| functional.value_and_gradient(u, entries))
-        .map_err(to_python)?;
+    let value = detached(py, || functional.value_and_gradient(u, entries))?.map_err(to_python)?;
     drop(borrowed);
     Ok((value, gradient))
 }
@@ -128,6 +127,6 @@ impl Connectedness {
     /// Components with mass of the positive and of the negative phase.
     fn components(&self, py: Python<'_>, u: PyReadonlyArray1<'_, f64>) -> PyResult<(usize, usize)> {
         let u = u.as_slice()?;
-        py.detach(|| self.0.components(u)).map_err(to_python)
+        detached(py, || self.0.components(u))?.map_err(to_python)
     }
 }

@@ -3,6 +3,7 @@ use phaseatlas_core::{Error, graph};
 use pyo3::prelude::*;
 
 use crate::mesh::TriangleMesh;
+use crate::pool::detached;
 use crate::to_python;
 
 /// Component of every face; two neighbours connect where their labels agree.
@@ -20,7 +21,7 @@ pub fn label_components<'py>(
             expected: mesh.core.n_faces(),
         }));
     }
-    let components = py.detach(|| graph::label_components(&mesh.core, labels));
+    let components = detached(py, || graph::label_components(&mesh.core, labels))?;
     let labels: Vec<i64> = components.labels.into_iter().map(i64::from).collect();
     Ok(PyArray1::from_vec(py, labels))
 }

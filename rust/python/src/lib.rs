@@ -4,6 +4,7 @@ mod flatten;
 mod functionals;
 mod graph;
 mod mesh;
+mod pool;
 mod raster;
 
 use phaseatlas_core::Error;

@@ -9,6 +9,7 @@ use phaseatlas_core::{Error, TriangleMesh as CoreMesh};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::pool::detached;
 use crate::to_python;
 
 /// Rows of an (n, K) array.
@@ -57,9 +58,7 @@ impl TriangleMesh {
     ) -> PyResult<Self> {
         let vertices = rows::<3, f64>("vertices", &vertices)?;
         let faces = rows::<3, i64>("faces", &faces)?;
-        let core = py
-            .detach(|| CoreMesh::new(vertices, &faces))
-            .map_err(to_python)?;
+        let core = detached(py, || CoreMesh::new(vertices, &faces))?.map_err(to_python)?;
         Ok(Self {
             core: Arc::new(core),
         })

@@ -3,6 +3,8 @@ use phaseatlas_core::raster;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::pool::detached;
+
 /// Face and count of every texel.
 type Texels<'py> = (Bound<'py, PyArray2<i32>>, Bound<'py, PyArray2<u8>>);
 
@@ -21,7 +23,7 @@ pub fn rasterize<'py>(
         )));
     }
     let (corners, _) = uv.as_slice()?.as_chunks::<2>();
-    let result = py.detach(|| raster::rasterize(corners, resolution));
+    let result = detached(py, || raster::rasterize(corners, resolution))?;
     let shape = [resolution, resolution];
     Ok((
         result.face.into_pyarray(py).reshape(shape)?,

@@ -39,7 +39,9 @@ pub struct Connectedness {
     measure: Vec<f64>,
     /// (D_f + D_g) / 4 / w of every half-edge, so that the weight is (F_f + F_g) scale
     scale: Vec<[f64; 3]>,
-    workspaces: Mutex<[Workspace; 2]>,
+    // Buffers are taken out for the time of their use: a lock that is held while the pool works
+    // could be asked for again by the same thread.
+    workspaces: Mutex<Vec<[Workspace; 2]>>,
     searches: Mutex<Vec<Search>>,
 }
 
@@ -199,7 +201,7 @@ impl Connectedness {
             .enumerate()
             .with_max_len(1)
             .for_each(|(i, result)| {
-                let mut search = self.borrow_search();
+                let mut search = take(&self.searches);
                 let (source, targets) = (active[i], &active[i + 1..]);
                 search.run(&self.mesh, weights, components, source, targets);
                 result.distances.clear();
@@ -220,7 +222,7 @@ impl Connectedness {
                     &result.coefficients,
                     |f, a| terms.push((f, a)),
                 );
-                self.return_search(search);
+                give_back(&self.searches, search);
             });
 
         potential.clear();
@@ -250,21 +252,6 @@ impl Connectedness {
         value
     }
 
-    fn borrow_search(&self) -> Search {
-        self.searches
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .pop()
-            .unwrap_or_default()
-    }
-
-    fn return_search(&self, search: Search) {
-        self.searches
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .push(search);
-    }
-
     fn scatter(&self, face_gradient: &[f64], factor: f64, gradient: &mut [f64]) {
         for (face, &g) in self.mesh.faces().iter().zip(face_gradient) {
             if g != 0.0 {
@@ -276,16 +263,28 @@ impl Connectedness {
     }
 }
 
+fn take<T: Default>(buffers: &Mutex<Vec<T>>) -> T {
+    buffers
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .pop()
+        .unwrap_or_default()
+}
+
+fn give_back<T>(buffers: &Mutex<Vec<T>>, buffer: T) {
+    buffers
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .push(buffer);
+}
+
 impl Functional for Connectedness {
     fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
         check_vector("u", u, self.mesh.n_vertices())?;
         check_length("gradient", gradient.len(), u.len())?;
         gradient.fill(0.0);
-        let mut workspaces = self
-            .workspaces
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        let [positive, negative] = &mut *workspaces;
+        let mut workspaces = take(&self.workspaces);
+        let [positive, negative] = &mut workspaces;
         let (first, second) = rayon::join(
             || match self.phases {
                 Phases::Negative => None,
@@ -302,6 +301,7 @@ impl Functional for Connectedness {
         if second.is_some() {
             self.scatter(&negative.face_gradient, -1.0, gradient);
         }
+        give_back(&self.workspaces, workspaces);
         Ok(first.unwrap_or(0.0) + second.unwrap_or(0.0))
     }
 }

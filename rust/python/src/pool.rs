@@ -1,0 +1,37 @@
+//! The thread pool that all calls from Python run in.
+
+use std::process;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// The process that built the pool, and the pool.
+static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
+
+/// Runs `work` without the GIL in the pool of this process.
+///
+/// A forked process, such as a worker of `multiprocessing`, inherits a pool without its threads
+/// and would wait for them for ever: it builds its own. `RAYON_NUM_THREADS` sets the size.
+pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    py.detach(|| Ok(current()?.install(work)))
+}
+
+fn current() -> PyResult<Arc<ThreadPool>> {
+    let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((owner, threads)) = &*pool
+        && *owner == process::id()
+    {
+        return Ok(threads.clone());
+    }
+    let threads = ThreadPoolBuilder::new()
+        .build()
+        .map(Arc::new)
+        .map_err(|error| PyRuntimeError::new_err(format!("no thread pool: {error}")))?;
+    // The parent's pool is leaked: dropping it would wait for its threads.
+    if let Some(inherited) = pool.replace((process::id(), threads.clone())) {
+        std::mem::forget(inherited);
+    }
+    Ok(threads)
+}
