@@ -1,10 +1,23 @@
 """Types of the Rust core; every argument is a C-contiguous array of the type named here."""
 
-from typing import Literal
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Area",
+    "Connectedness",
+    "Distortion",
+    "Perimeter",
+    "TriangleMesh",
+    "cut_chart",
+    "label_components",
+    "lscm",
+    "rasterize",
+]
+
+@final
 class TriangleMesh:
     def __new__(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> TriangleMesh: ...
     def areas(self) -> NDArray[np.float64]: ...
@@ -24,6 +37,7 @@ class TriangleMesh:
     @property
     def mean_edge_length(self) -> float: ...
 
+@final
 class Perimeter:
     def __new__(
         cls,
@@ -35,6 +49,7 @@ class Perimeter:
     ) -> Perimeter: ...
     def value_and_gradient(self, u: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]: ...
 
+@final
 class Area:
     def __new__(
         cls, mesh: TriangleMesh, delta: float, weight: NDArray[np.float64] | None = None
@@ -43,6 +58,7 @@ class Area:
     def total(self) -> float: ...
     def value_and_gradient(self, u: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]: ...
 
+@final
 class Connectedness:
     def __new__(
         cls,
@@ -53,6 +69,22 @@ class Connectedness:
     ) -> Connectedness: ...
     def value_and_gradient(self, u: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]: ...
     def components(self, u: NDArray[np.float64]) -> tuple[int, int]: ...
+
+@final
+class Distortion:
+    def __new__(
+        cls,
+        mesh: TriangleMesh,
+        epsilon: float,
+        law: Literal["paper", "sharp"],
+        delta: float,
+        eta: float,
+        weight: NDArray[np.float64] | None = None,
+    ) -> Distortion: ...
+    def value_and_gradient(self, u: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]: ...
+    def log_scale(
+        self, u: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
 def label_components(mesh: TriangleMesh, labels: NDArray[np.int64]) -> NDArray[np.int64]: ...
 def cut_chart(

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 from .surface import Surface
 
-__all__ = ["Area", "Connectedness", "Functional", "Perimeter", "indicator"]
+__all__ = ["Area", "Connectedness", "Distortion", "Functional", "Perimeter", "indicator"]
 
 
 class Functional(Protocol):
@@ -184,3 +184,70 @@ class Connectedness:
     def components(self, u: ArrayLike) -> tuple[int, int]:
         """Return the number of components of the positive and of the negative phase."""
         return self._core.components(self._surface.vector("u", u))
+
+
+class Distortion:
+    """Conformal distortion of both phases, equation (13): the integral of s[u]^2 + s[-u]^2.
+
+    s solves the diffuse Yamabe equation (12) of its phase: e^{-2 s} g is flat where the phase
+    prevails, and s fades to 0 where the other one does.
+
+    Parameters
+    ----------
+    surface : Surface
+    epsilon : float
+        Interface width, a length.
+    law : {"sharp", "paper"}
+        How the phase enters the equation. "sharp" penalises s by 30 max(0, 1 - 2 chi)^2 /
+        epsilon^2, which tends to s = 0 on the interface and never rewards a mixed phase;
+        "paper" is (12) as printed, penalty (1 - chi) / epsilon and diffusion chi + eta, whose
+        limit is a Robin condition.
+    delta : float, optional
+        Half width of the plateaus of the indicator chi, in [0, 1); epsilon / 10 by default.
+    eta : float, optional
+        Regularisation: of the diffusion in "paper" (1e-3 by default), of the penalty in units
+        of 1 / epsilon^2 in "sharp" (1e-6 by default).
+    weight : (n,) array_like of float, optional
+        Indicator w of the parent segment at the vertices, in [0, 1]: w chi(u) takes the place
+        of chi(u).
+
+    Raises
+    ------
+    ValueError
+        For `epsilon` not positive, `delta` outside [0, 1), `eta` negative, an unknown `law`,
+        `weight` of another shape or outside [0, 1]. Evaluation raises it where the matrix is
+        not numerically positive definite, and names the pivot.
+
+    Notes
+    -----
+    Yamabe equation after Springborn, Schroeder and Pinkall (2008) and Sharp and Crane (2018);
+    the penalty of "sharp" after Angot, Bruneau and Fabrie (1999).
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        epsilon: float,
+        *,
+        law: Literal["sharp", "paper"] = "sharp",
+        delta: float | None = None,
+        eta: float | None = None,
+        weight: ArrayLike | None = None,
+    ) -> None:
+        self._surface = surface
+        w = None if weight is None else surface.vector("weight", weight)
+        delta = epsilon / 10 if delta is None else delta
+        eta = {"sharp": 1e-6, "paper": 1e-3}.get(law, 0.0) if eta is None else eta
+        self._core = _core.Distortion(surface._mesh, epsilon, law, delta, eta, w)
+
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+        """Return the value and the (n,) gradient at the (n,) phase field `u`."""
+        return self._core.value_and_gradient(self._surface.vector("u", u))
+
+    def log_scale(self, u: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the log scale factors of the two phases, (n,) each, with their true sign.
+
+        They are -s: negative inside a cap of a sphere, which shrinks when it is flattened with
+        its rim kept.
+        """
+        return self._core.log_scale(self._surface.vector("u", u))

@@ -9,6 +9,7 @@
 //! | (7), (9) | perimeter weighted with the parent's indicator | [`functionals::perimeter`] |
 //! | (2), (10) | area of a phase, within the parent | [`functionals::area`] |
 //! | (3) | connectedness | [`functionals::connectedness`] |
+//! | (12), (13) | diffuse Yamabe equation, distortion and its adjoint | [`functionals::distortion`] |
 //! | section 3 | the scalar laws Psi, chi, F, H | [`potentials`] |
 //! | section 3 | stiffness and lumped mass | [`operators`], [`mesh`] |
 //! | section 4 | chart maps (least-squares conformal) | [`flatten`] |

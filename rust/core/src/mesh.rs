@@ -1,12 +1,13 @@
 //! A validated triangle mesh: topology, dual graph, areas, diameters, lumped mass, angle defects.
 
 use std::f64::consts::PI;
+use std::sync::OnceLock;
 
 use petgraph::graph::UnGraph;
 use petgraph::unionfind::UnionFind;
 
 use crate::error::{Error, Result};
-use crate::operators::StiffnessPattern;
+use crate::operators::{LowerTriangle, StiffnessPattern};
 
 /// No neighbour, no half-edge: the other side of a border edge.
 pub const NONE: u32 = u32::MAX;
@@ -33,6 +34,7 @@ pub struct TriangleMesh {
     on_border: Vec<bool>,
     n_boundary_loops: usize,
     pattern: StiffnessPattern,
+    lower_triangle: OnceLock<LowerTriangle>,
 }
 
 impl TriangleMesh {
@@ -82,6 +84,7 @@ impl TriangleMesh {
             on_border,
             n_boundary_loops,
             pattern,
+            lower_triangle: OnceLock::new(),
         })
     }
 
@@ -152,6 +155,20 @@ impl TriangleMesh {
     /// The one sparsity pattern that all stiffness matrices of this mesh share.
     pub fn pattern(&self) -> &StiffnessPattern {
         &self.pattern
+    }
+
+    /// The lower triangle of the pattern, analysed for Cholesky factorisations at the first call.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn lower_triangle(&self) -> Result<&LowerTriangle> {
+        match self.lower_triangle.get() {
+            Some(lower_triangle) => Ok(lower_triangle),
+            None => {
+                let lower_triangle = LowerTriangle::new(&self.pattern)?;
+                Ok(self.lower_triangle.get_or_init(|| lower_triangle))
+            }
+        }
     }
 
     pub fn area(&self) -> f64 {

@@ -1,5 +1,5 @@
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
-use phaseatlas_core::functionals::{self as core, Functional, Phases};
+use phaseatlas_core::functionals::{self as core, Functional, Law, Phases};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -128,5 +128,64 @@ impl Connectedness {
     fn components(&self, py: Python<'_>, u: PyReadonlyArray1<'_, f64>) -> PyResult<(usize, usize)> {
         let u = u.as_slice()?;
         detached(py, || self.0.components(u))?.map_err(to_python)
+    }
+}
+
+/// Log scale factors of the positive and of the negative phase.
+type LogScales<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+#[pyclass(frozen, module = "phaseatlas._core")]
+pub struct Distortion(core::Distortion);
+
+#[pymethods]
+impl Distortion {
+    #[new]
+    #[pyo3(signature = (mesh, epsilon, law, delta, eta, weight=None))]
+    fn new(
+        py: Python<'_>,
+        mesh: &TriangleMesh,
+        epsilon: f64,
+        law: &str,
+        delta: f64,
+        eta: f64,
+        weight: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<Self> {
+        let law = match law {
+            "paper" => Law::Paper,
+            "sharp" => Law::Sharp,
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "law: {other:?} must be \"paper\" or \"sharp\""
+                )));
+            }
+        };
+        let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
+        let mesh = mesh.core.clone();
+        detached(py, || {
+            core::Distortion::new(mesh, law, epsilon, delta, eta, weight)
+        })?
+        .map(Self)
+        .map_err(to_python)
+    }
+
+    fn value_and_gradient<'py>(
+        &self,
+        py: Python<'py>,
+        u: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+        evaluate(py, &self.0, &u)
+    }
+
+    fn log_scale<'py>(
+        &self,
+        py: Python<'py>,
+        u: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<LogScales<'py>> {
+        let u = u.as_slice()?;
+        let [positive, negative] = detached(py, || self.0.log_scale(u))?.map_err(to_python)?;
+        Ok((
+            PyArray1::from_vec(py, positive),
+            PyArray1::from_vec(py, negative),
+        ))
     }
 }

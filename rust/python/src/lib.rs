@@ -24,6 +24,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<functionals::Perimeter>()?;
     module.add_class::<functionals::Area>()?;
     module.add_class::<functionals::Connectedness>()?;
+    module.add_class::<functionals::Distortion>()?;
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::cut_chart, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;

@@ -2,9 +2,10 @@
 //! 2008).
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::linear::{Cholesky, Factorisation};
+use crate::linear::{Analysis, Cholesky, Factorisation};
 use crate::mesh::{NONE, TriangleMesh, cross, dot, subtract};
 use crate::operators::Stiffness;
 
@@ -129,7 +130,8 @@ impl ConformalEnergy {
             }
             starts.push(rows.len());
         }
-        let mut cholesky = Cholesky::analyse(starts, rows, Factorisation::Automatic)?;
+        let analysis = Analysis::new(starts, rows, Factorisation::Automatic)?;
+        let mut cholesky = Cholesky::new(Arc::new(analysis))?;
         cholesky.factor(&values)?;
         Ok(Self { cholesky })
     }

@@ -1,10 +1,10 @@
 //! Connectedness of the phases, equation (3).
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use super::Functional;
+use super::{Functional, give_back, take};
 use crate::CHUNK;
 use crate::error::{Result, check_length, check_positive, check_vector, check_weight};
 use crate::graph::{Components, DualWeights, Search};
@@ -39,8 +39,6 @@ pub struct Connectedness {
     measure: Vec<f64>,
     /// (D_f + D_g) / 4 / w of every half-edge, so that the weight is (F_f + F_g) scale
     scale: Vec<[f64; 3]>,
-    // Buffers are taken out for the time of their use: a lock that is held while the pool works
-    // could be asked for again by the same thread.
     workspaces: Mutex<Vec<[Workspace; 2]>>,
     searches: Mutex<Vec<Search>>,
 }
@@ -201,7 +199,7 @@ impl Connectedness {
             .enumerate()
             .with_max_len(1)
             .for_each(|(i, result)| {
-                let mut search = take(&self.searches);
+                let mut search = take(&self.searches).unwrap_or_default();
                 let (source, targets) = (active[i], &active[i + 1..]);
                 search.run(&self.mesh, weights, components, source, targets);
                 result.distances.clear();
@@ -263,27 +261,12 @@ impl Connectedness {
     }
 }
 
-fn take<T: Default>(buffers: &Mutex<Vec<T>>) -> T {
-    buffers
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .pop()
-        .unwrap_or_default()
-}
-
-fn give_back<T>(buffers: &Mutex<Vec<T>>, buffer: T) {
-    buffers
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .push(buffer);
-}
-
 impl Functional for Connectedness {
     fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
         check_vector("u", u, self.mesh.n_vertices())?;
         check_length("gradient", gradient.len(), u.len())?;
         gradient.fill(0.0);
-        let mut workspaces = take(&self.workspaces);
+        let mut workspaces = take(&self.workspaces).unwrap_or_default();
         let [positive, negative] = &mut workspaces;
         let (first, second) = rayon::join(
             || match self.phases {

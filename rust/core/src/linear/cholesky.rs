@@ -3,6 +3,8 @@
 //! The only user of faer. All of it runs with `Par::Seq`: callers that have two systems factor
 //! them side by side.
 
+use std::sync::Arc;
+
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, LltRegularization};
 use faer::sparse::linalg::SupernodalThreshold;
@@ -25,33 +27,36 @@ pub enum Factorisation {
     Supernodal,
 }
 
-/// The Cholesky factor A = L L^T of symmetric positive definite matrices of one sparsity
-/// pattern, ordered by approximate minimum degree.
-pub struct Cholesky {
+/// The symbolic factorisation of all matrices of one sparsity pattern, ordered by approximate
+/// minimum degree.
+#[derive(Debug)]
+pub struct Analysis {
     pattern: SymbolicSparseColMat<usize>,
     symbolic: SymbolicCholesky<usize>,
+}
+
+/// The Cholesky factor A = L L^T of symmetric positive definite matrices of one sparsity
+/// pattern. Factors of the same pattern share its analysis.
+pub struct Cholesky {
+    analysis: Arc<Analysis>,
     factor: Vec<f64>,
     factor_stack: MemBuffer,
     solve_stack: MemBuffer,
     solve_columns: usize,
 }
 
-impl Cholesky {
+impl Analysis {
     /// Analyses the pattern of the lower triangle, by columns: the rows of column j, diagonal
     /// included, ascending, are `rows[column_starts[j]..column_starts[j + 1]]`.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub fn analyse(
+    pub fn new(
         column_starts: Vec<usize>,
         rows: Vec<usize>,
         factorisation: Factorisation,
     ) -> Result<Self> {
         let size = column_starts.len() - 1;
-        let out_of_memory = Error::OutOfMemory {
-            argument: "matrix",
-            size,
-        };
         let pattern = SymbolicSparseColMat::new_checked(size, size, column_starts, None, rows);
         let supernodal_flop_ratio_threshold = match factorisation {
             Factorisation::Automatic => SupernodalThreshold::AUTO,
@@ -67,17 +72,35 @@ impl Cholesky {
                 ..Default::default()
             },
         )
-        .map_err(|_| out_of_memory.clone())?;
+        .map_err(|_| out_of_memory(size))?;
+        Ok(Self { pattern, symbolic })
+    }
+}
+
+fn out_of_memory(size: usize) -> Error {
+    Error::OutOfMemory {
+        argument: "matrix",
+        size,
+    }
+}
+
+impl Cholesky {
+    /// Makes the buffers of one factor.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn new(analysis: Arc<Analysis>) -> Result<Self> {
+        let symbolic = &analysis.symbolic;
+        let size = analysis.pattern.ncols();
         let factor_stack = MemBuffer::try_new(
             symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default()),
         )
-        .map_err(|_| out_of_memory.clone())?;
+        .map_err(|_| out_of_memory(size))?;
         let solve_stack = MemBuffer::try_new(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq))
-            .map_err(|_| out_of_memory)?;
+            .map_err(|_| out_of_memory(size))?;
         Ok(Self {
             factor: vec![0.0; symbolic.len_val()],
-            pattern,
-            symbolic,
+            analysis,
             factor_stack,
             solve_stack,
             solve_columns: 1,
@@ -86,7 +109,7 @@ impl Cholesky {
 
     /// Number of rows.
     pub fn size(&self) -> usize {
-        self.pattern.ncols()
+        self.analysis.pattern.ncols()
     }
 
     /// Entries of the factor that are stored.
@@ -99,10 +122,15 @@ impl Cholesky {
     /// # Errors
     /// [`Error::NotPositiveDefinite`] names the pivot that failed.
     pub fn factor(&mut self, values: &[f64]) -> Result<()> {
-        check_length("values", values.len(), self.pattern.row_idx().len())?;
+        check_length(
+            "values",
+            values.len(),
+            self.analysis.pattern.row_idx().len(),
+        )?;
         let size = self.size();
-        let matrix = SparseColMatRef::new(self.pattern.as_ref(), values);
-        self.symbolic
+        let matrix = SparseColMatRef::new(self.analysis.pattern.as_ref(), values);
+        self.analysis
+            .symbolic
             .factorize_numeric_llt::<f64>(
                 &mut self.factor,
                 matrix,
@@ -132,16 +160,14 @@ impl Cholesky {
         check_length("columns", columns.len(), n_columns * size)?;
         if n_columns > self.solve_columns {
             self.solve_stack = MemBuffer::try_new(
-                self.symbolic
+                self.analysis
+                    .symbolic
                     .solve_in_place_scratch::<f64>(n_columns, Par::Seq),
             )
-            .map_err(|_| Error::OutOfMemory {
-                argument: "columns",
-                size,
-            })?;
+            .map_err(|_| out_of_memory(size))?;
             self.solve_columns = n_columns;
         }
-        LltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
+        LltRef::new(&self.analysis.symbolic, &self.factor).solve_in_place_with_conj(
             Conj::No,
             MatMut::from_column_major_slice_mut(columns, size, n_columns),
             Par::Seq,
@@ -192,8 +218,8 @@ mod tests {
     fn both_factorisations_solve() {
         for factorisation in [Factorisation::Simplicial, Factorisation::Supernodal] {
             let (starts, rows, values) = laplacian(30, 0.01);
-            let mut cholesky =
-                Cholesky::analyse(starts.clone(), rows.clone(), factorisation).unwrap();
+            let analysis = Analysis::new(starts.clone(), rows.clone(), factorisation).unwrap();
+            let mut cholesky = Cholesky::new(Arc::new(analysis)).unwrap();
             for scale in [1.0, 3.0] {
                 let scaled: Vec<f64> = values.iter().map(|v| v * scale).collect();
                 cholesky.factor(&scaled).unwrap();
@@ -213,7 +239,8 @@ mod tests {
     #[test]
     fn indefinite_matrix_names_its_pivot() {
         let (starts, rows, values) = laplacian(10, -3.0);
-        let mut cholesky = Cholesky::analyse(starts, rows, Factorisation::Automatic).unwrap();
+        let analysis = Analysis::new(starts, rows, Factorisation::Automatic).unwrap();
+        let mut cholesky = Cholesky::new(Arc::new(analysis)).unwrap();
         assert!(matches!(
             cholesky.factor(&values),
             Err(Error::NotPositiveDefinite { size: 100, .. })

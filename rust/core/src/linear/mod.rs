@@ -2,4 +2,4 @@
 
 pub mod cholesky;
 
-pub use cholesky::{Cholesky, Factorisation};
+pub use cholesky::{Analysis, Cholesky, Factorisation};

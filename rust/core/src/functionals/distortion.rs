@@ -1,0 +1,310 @@
+//! Conformal distortion of both phases with the diffuse Yamabe equation as constraint,
+//! equations (12) and (13).
+
+use std::sync::{Arc, Mutex};
+
+use super::{Functional, give_back, take};
+use crate::error::{
+    Error, Result, check_length, check_non_negative, check_positive, check_vector, check_weight,
+};
+use crate::linear::Cholesky;
+use crate::mesh::TriangleMesh;
+use crate::operators::Stiffness;
+use crate::potentials::{chi, chi_prime};
+
+/// Weight of the sharp law's penalty relative to 1 / epsilon^2.
+const SHARP_PENALTY: f64 = 30.0;
+
+/// How the indicator c = w chi(u) enters the diffuse Yamabe equation
+///
+/// integral of a(c) \|grad s\|^2 / 2 - b(c) K s + p(c) s^2 / 2.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Law {
+    /// Equation (12): a = c + eta, b = c, p = (1 - c) / epsilon.
+    ///
+    /// Its limit for epsilon to 0 is a Robin condition on the border, not s = 0: the penalty
+    /// acts on a layer of width epsilon and stays of order one there. J is several times the
+    /// energy of the sharp problem on features that are small beside the unit of length.
+    Paper,
+    /// a = 1, b = 1 - q, p = (30 q + eta) / epsilon^2 with q = max(0, 1 - 2 c)^2.
+    ///
+    /// The penalisation of a fictitious domain (Angot, Bruneau, Fabrie 1999): q vanishes where
+    /// the phase prevails and s decays within epsilon / sqrt(30) where it does not, so that J
+    /// tends to the energy of the sharp problem with s = 0 on u = 0, from above and with an
+    /// error of order epsilon relative to the size of the segment, in any unit of length. A mixed phase,
+    /// u = 0, belongs to both segments and is confined by none: mixing is never rewarded.
+    Sharp,
+}
+
+/// Source and penalty at one vertex, and their derivatives by c.
+struct Coefficients {
+    source: f64,
+    source_prime: f64,
+    penalty: f64,
+    penalty_prime: f64,
+}
+
+/// J\[u\] = s\[u\]^T M s\[u\] + s\[-u\]^T M s\[-u\] with A\[u\] s\[u\] = b\[u\], equation (13).
+///
+/// A\[u\] = S\[a\] + diag(m p), b\[u\] = K b(c), K the integrated angle defect. The gradient is
+/// that of the adjoint, +2 (db - dA s)^T A^-1 M s. Both phases are factored side by side.
+pub struct Distortion {
+    mesh: Arc<TriangleMesh>,
+    law: Law,
+    epsilon: f64,
+    delta: f64,
+    eta: f64,
+    weight: Option<Vec<f64>>,
+    systems: Mutex<Vec<[System; 2]>>,
+}
+
+/// The linear system of one phase and its buffers.
+struct System {
+    cholesky: Cholesky,
+    /// a(c); the sharp law never refills it
+    stiffness: Stiffness,
+    values: Vec<f64>,
+    indicator: Vec<f64>,
+    penalty: Vec<f64>,
+    solution: Vec<f64>,
+    adjoint: Vec<f64>,
+    gradient: Vec<f64>,
+}
+
+impl Law {
+    fn at(self, c: f64, epsilon: f64, eta: f64) -> Coefficients {
+        match self {
+            Self::Paper => Coefficients {
+                source: c,
+                source_prime: 1.0,
+                penalty: (1.0 - c) / epsilon,
+                penalty_prime: -1.0 / epsilon,
+            },
+            Self::Sharp => {
+                let t = (1.0 - 2.0 * c).max(0.0);
+                let (q, q_prime) = (t * t, -4.0 * t);
+                let scale = SHARP_PENALTY / (epsilon * epsilon);
+                Coefficients {
+                    source: 1.0 - q,
+                    source_prime: -q_prime,
+                    penalty: scale * q + eta / (epsilon * epsilon),
+                    penalty_prime: scale * q_prime,
+                }
+            }
+        }
+    }
+}
+
+impl Distortion {
+    /// # Errors
+    /// `epsilon` that is not positive, `delta` outside [0, 1), `eta` that is negative, `weight`
+    /// of another length or outside [0, 1], [`Error::OutOfMemory`].
+    pub fn new(
+        mesh: Arc<TriangleMesh>,
+        law: Law,
+        epsilon: f64,
+        delta: f64,
+        eta: f64,
+        weight: Option<&[f64]>,
+    ) -> Result<Self> {
+        check_positive("epsilon", epsilon)?;
+        check_non_negative("eta", eta)?;
+        if !(0.0..1.0).contains(&delta) {
+            return Err(Error::Parameter {
+                argument: "delta",
+                value: delta,
+                expected: "in [0, 1)",
+            });
+        }
+        if let Some(weight) = weight {
+            check_weight("weight", weight, mesh.n_vertices())?;
+        }
+        mesh.lower_triangle()?;
+        Ok(Self {
+            mesh,
+            law,
+            epsilon,
+            delta,
+            eta,
+            weight: weight.map(<[f64]>::to_vec),
+            systems: Mutex::default(),
+        })
+    }
+
+    /// Log scale factors of the flat metrics e^{2 s} g of the positive and the negative phase,
+    /// with their true sign: negative inside a cap of a sphere, where 0 is kept on its rim.
+    ///
+    /// # Errors
+    /// As [`Functional::value_and_gradient`].
+    pub fn log_scale(&self, u: &[f64]) -> Result<[Vec<f64>; 2]> {
+        check_vector("u", u, self.mesh.n_vertices())?;
+        let [mut positive, mut negative] = self.take_systems()?;
+        let (first, second) = rayon::join(
+            || self.solve(u, 1.0, &mut positive),
+            || self.solve(u, -1.0, &mut negative),
+        );
+        first?;
+        second?;
+        let scales = [&positive, &negative].map(|system| {
+            // The paper's equation determines minus the log scale factor.
+            system.solution.iter().map(|s| -s).collect()
+        });
+        give_back(&self.systems, [positive, negative]);
+        Ok(scales)
+    }
+
+    fn take_systems(&self) -> Result<[System; 2]> {
+        if let Some(systems) = take(&self.systems) {
+            return Ok(systems);
+        }
+        Ok([System::new(&self.mesh)?, System::new(&self.mesh)?])
+    }
+
+    /// Solves A\[u\] s = b\[u\] for one phase.
+    fn solve(&self, u: &[f64], sign: f64, system: &mut System) -> Result<()> {
+        let mesh = &*self.mesh;
+        let curvature = mesh.angle_defects();
+        for (i, c) in system.indicator.iter_mut().enumerate() {
+            let inside = self.weight.as_ref().map_or(1.0, |w| w[i]);
+            *c = inside * chi(sign * u[i], self.delta);
+            let at = self.law.at(*c, self.epsilon, self.eta);
+            system.penalty[i] = mesh.mass()[i] * at.penalty;
+            system.solution[i] = curvature[i] * at.source;
+        }
+        if self.law == Law::Paper {
+            system.stiffness.refill(mesh, &system.indicator, self.eta);
+        }
+        mesh.lower_triangle()?.fill(
+            mesh.pattern(),
+            system.stiffness.edge_values(),
+            &system.penalty,
+            &mut system.values,
+        );
+        system.cholesky.factor(&system.values)?;
+        system.cholesky.solve(&mut system.solution)
+    }
+
+    /// J of one phase; leaves its derivative by the vertex values of u in `system.gradient`.
+    fn evaluate(&self, u: &[f64], sign: f64, system: &mut System) -> Result<f64> {
+        self.solve(u, sign, system)?;
+        let mesh = &*self.mesh;
+        let mut value = 0.0;
+        for i in 0..u.len() {
+            let moment = mesh.mass()[i] * system.solution[i];
+            value += moment * system.solution[i];
+            system.adjoint[i] = moment;
+        }
+        system.cholesky.solve(&mut system.adjoint)?;
+        let (s, adjoint) = (&system.solution, &system.adjoint);
+        for (i, g) in system.gradient.iter_mut().enumerate() {
+            let at = self.law.at(system.indicator[i], self.epsilon, self.eta);
+            *g = adjoint[i]
+                * (mesh.angle_defects()[i] * at.source_prime
+                    - mesh.mass()[i] * at.penalty_prime * s[i]);
+        }
+        if self.law == Law::Paper {
+            for (face, cotangents) in mesh.faces().iter().zip(mesh.half_cotangents()) {
+                let energy: f64 = (0..3)
+                    .map(|k| {
+                        let (a, b) = (face[k] as usize, face[(k + 1) % 3] as usize);
+                        cotangents[k] * (s[a] - s[b]) * (adjoint[a] - adjoint[b])
+                    })
+                    .sum();
+                for &v in face {
+                    system.gradient[v as usize] -= energy / 3.0;
+                }
+            }
+        }
+        for (i, g) in system.gradient.iter_mut().enumerate() {
+            let inside = self.weight.as_ref().map_or(1.0, |w| w[i]);
+            *g *= 2.0 * sign * inside * chi_prime(sign * u[i], self.delta);
+        }
+        Ok(value)
+    }
+}
+
+impl System {
+    fn new(mesh: &TriangleMesh) -> Result<Self> {
+        let n = mesh.n_vertices();
+        let lower = mesh.lower_triangle()?;
+        Ok(Self {
+            cholesky: Cholesky::new(lower.analysis())?,
+            stiffness: Stiffness::new(mesh),
+            values: vec![0.0; lower.len()],
+            indicator: vec![0.0; n],
+            penalty: vec![0.0; n],
+            solution: vec![0.0; n],
+            adjoint: vec![0.0; n],
+            gradient: vec![0.0; n],
+        })
+    }
+}
+
+impl Functional for Distortion {
+    fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
+        check_vector("u", u, self.mesh.n_vertices())?;
+        check_length("gradient", gradient.len(), u.len())?;
+        let [mut positive, mut negative] = self.take_systems()?;
+        let (first, second) = rayon::join(
+            || self.evaluate(u, 1.0, &mut positive),
+            || self.evaluate(u, -1.0, &mut negative),
+        );
+        let value = first? + second?;
+        for (g, (a, b)) in gradient
+            .iter_mut()
+            .zip(positive.gradient.iter().zip(&negative.gradient))
+        {
+            *g = a + b;
+        }
+        give_back(&self.systems, [positive, negative]);
+        Ok(value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::check_gradient;
+    use super::*;
+    use crate::mesh::tests::{grid, torus};
+
+    #[test]
+    fn gradients() {
+        for mesh in [
+            Arc::new(grid(16, 14, |x, y| (3.0 * x).sin() * (2.0 * y).cos())),
+            Arc::new(torus(24, 12, 0.4)),
+        ] {
+            let u: Vec<f64> = mesh
+                .vertices()
+                .iter()
+                .map(|p| 0.9 * (3.0 * p[0] + 2.0 * p[1] + 0.4).sin())
+                .collect();
+            let weight: Vec<f64> = mesh
+                .vertices()
+                .iter()
+                .map(|p| 1.0 / (1.0 + (-6.0 * p[0]).exp()))
+                .collect();
+            for law in [Law::Paper, Law::Sharp] {
+                for weight in [None, Some(&weight[..])] {
+                    let functional =
+                        Distortion::new(mesh.clone(), law, 0.2, 0.02, 1e-3, weight).unwrap();
+                    check_gradient(&functional, &u, 1e-6);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn torus_halves_have_opposite_signs_of_scale() {
+        // The outer half is curved like a sphere and shrinks inside, the inner half stretches.
+        let mesh = Arc::new(torus(60, 24, 0.4));
+        let functional = Distortion::new(mesh.clone(), Law::Sharp, 0.1, 0.01, 1e-6, None).unwrap();
+        let u: Vec<f64> = mesh
+            .vertices()
+            .iter()
+            .map(|p| (10.0 * (p[0].hypot(p[1]) - 1.0)).tanh())
+            .collect();
+        let [outer, inner] = functional.log_scale(&u).unwrap();
+        assert!(outer[0] < -0.01, "{}", outer[0]);
+        assert!(inner[12] > 0.01, "{}", inner[12]);
+    }
+}
