@@ -11,6 +11,7 @@ import heapq
 import math
 
 import numpy as np
+import scipy.linalg
 
 # --------------------------------------------------------------------------------------------------
 # scalar laws
@@ -194,7 +195,11 @@ def face_means(faces, values):
 
 def components(faces, u, epsilon):
     """Label (m,) of the connected set of faces with mean value >= a; -1 for the other faces."""
-    inside = face_means(faces, u) >= threshold(epsilon)
+    return label_faces(faces, face_means(faces, u) >= threshold(epsilon))
+
+
+def label_faces(faces, inside):
+    """Label (m,) of each connected set of the faces ``inside``; -1 for the other faces."""
     neighbours = face_neighbours(faces)
     labels = np.full(len(faces), -1)
     count = 0
@@ -256,22 +261,26 @@ def shortest_paths(edges, cost, sources):
     return distance, predecessor
 
 
-def connectedness(vertices, faces, u, epsilon, weight=None, floor=1e-2):
-    """Equation (3) for the positive phase: sum over ordered pairs i != j of W_i W_j d_ij."""
-    labels = components(faces, u, epsilon)
+def connectedness(vertices, faces, u, epsilon, weight=None, floor=1e-2, outside=0.25):
+    """Equation (3) for the positive phase: sum over ordered pairs i != j of W_i W_j d_ij.
+
+    Faces whose mean weight is below ``outside`` belong to no component and cost F(0) more.
+    """
+    w = np.ones(len(faces)) if weight is None else face_means(faces, weight)
+    inside = w >= outside
+    values = face_means(faces, u)
+    labels = label_faces(faces, inside & (values >= threshold(epsilon)))
     count = labels.max() + 1
     gradient = np.zeros(len(vertices))
     if count < 2:
         return 0.0, gradient
 
-    values = face_means(faces, u)
-    w = np.ones(len(faces)) if weight is None else face_means(faces, weight)
     areas = face_areas(vertices, faces)
-    phase = areas * w * bump(values, epsilon)
-    phase_slope = areas * w * bump_derivative(values, epsilon)
+    phase = inside * areas * w * bump(values, epsilon)
+    phase_slope = inside * areas * w * bump_derivative(values, epsilon)
     totals = [phase[labels == i].sum() for i in range(count)]
 
-    cost = path_cost(values, epsilon).tolist()
+    cost = (path_cost(values, epsilon) + ~inside * path_cost(0.0, epsilon)).tolist()
     cost_slope = path_cost_derivative(values, epsilon)
     edges = dual_edge_factors(vertices, faces, weight, floor)
 
@@ -299,3 +308,67 @@ def connectedness(vertices, faces, u, epsilon, weight=None, floor=1e-2):
             per_face[f] += per_total[labels[f]] * phase_slope[f]
         gradient[faces[f]] += per_face[f] / 3.0
     return value, gradient
+
+
+def yamabe_coefficients(c, epsilon, law, eta):
+    """Diffusion, source and penalty of (12) as functions of the indicator c of a phase.
+
+    Returns ``(a, b, p)`` and their derivatives in c, all (n,).
+    """
+    one = np.ones(len(c))
+    if law == "paper":
+        return (c + eta, c, (1.0 - c) / epsilon), (one, one, -one / epsilon)
+    # "sharp": the penalty sets in where the other phase prevails and stiffens like 1 / epsilon^2,
+    # so that s = 0 on the interface in the limit; the mixed phase c = 1/2 goes unpunished.
+    q = np.maximum(0.0, 1.0 - 2.0 * c) ** 2
+    dq = -4.0 * np.maximum(0.0, 1.0 - 2.0 * c)
+    values = (one, 1.0 - q, (30.0 * q + eta) / epsilon**2)
+    return values, (0.0 * one, -dq, 30.0 * dq / epsilon**2)
+
+
+def yamabe(vertices, faces, c, epsilon, law, eta):
+    """Solution s of A s = b, zero on the border, and a function that solves A x = y for any y."""
+    a, b, p = yamabe_coefficients(c, epsilon, law, eta)[0]
+    matrix = weighted_stiffness(vertices, faces, a) + np.diag(lumped_mass(vertices, faces) * p)
+    inner = np.flatnonzero(~boundary_vertices(vertices, faces))
+    factor = scipy.linalg.cho_factor(matrix[np.ix_(inner, inner)])
+
+    def solve(y):
+        x = np.zeros(len(vertices))
+        x[inner] = scipy.linalg.cho_solve(factor, y[inner])
+        return x
+
+    return solve(angle_defects(vertices, faces) * b), solve
+
+
+def distortion(vertices, faces, u, epsilon, law, delta, eta, weight=None):
+    """Discrete objective of (13), for both phases; the gradient has the sign + of the adjoint."""
+    m = lumped_mass(vertices, faces)
+    defects = angle_defects(vertices, faces)
+    w = np.ones(len(vertices)) if weight is None else weight
+    value = 0.0
+    gradient = np.zeros(len(vertices))
+    for sign in (1.0, -1.0):
+        c = w * chi(sign * u, delta)
+        c_slope = sign * w * chi_derivative(sign * u, delta)
+        s, solve = yamabe(vertices, faces, c, epsilon, law, eta)
+        value += m @ s**2
+        adjoint = solve(m * s)
+        # dJ = 2 (db - dA s) . adjoint, where dA has a penalty part at the vertices and a diffusion
+        # part on the faces, a third of it for each corner.
+        a_slope, b_slope, p_slope = yamabe_coefficients(c, epsilon, law, eta)[1]
+        slope = (defects * b_slope - m * p_slope * s) * adjoint
+        for face in faces:
+            local = stiffness(vertices[face], np.array([[0, 1, 2]]))
+            slope[face] -= a_slope[face] / 3.0 * (adjoint[face] @ local @ s[face])
+        gradient += 2.0 * c_slope * slope
+    return value, gradient
+
+
+def log_scales(vertices, faces, u, epsilon, law, delta, eta, weight=None):
+    """Log scale factors of both phases: e^{2 log_scale} g is flat, so they are minus s of (11)."""
+    w = np.ones(len(vertices)) if weight is None else weight
+    return tuple(
+        -yamabe(vertices, faces, w * chi(sign * u, delta), epsilon, law, eta)[0]
+        for sign in (1.0, -1.0)
+    )

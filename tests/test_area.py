@@ -39,7 +39,7 @@ def test_agrees_with_reference(surfaces, smooth_field, smooth_weight, kind, weig
     epsilon = 0.3
     functional = pa.functionals.Area(surfaces, epsilon, delta=delta, weight=weight)
     vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
-    used = epsilon / 10.0 if delta is None else delta
+    used = epsilon / np.sqrt(surfaces.area) / 10.0 if delta is None else delta
     expected = reference.area(vertices, faces, u, used, weight)
     check_agreement(functional.value_and_gradient(u), expected)
 

@@ -2,13 +2,21 @@
 
 from . import datasets, functionals
 from .atlas import Atlas, Chart, build_atlas
-from .hierarchy import Diagnostics, DisconnectedError, Progress, SegmentTree, segment
+from .hierarchy import (
+    CollapsedError,
+    Diagnostics,
+    DisconnectedError,
+    Progress,
+    SegmentTree,
+    segment,
+)
 from .io import load, save_ply
 from .surface import Surface
 
 __all__ = [
     "Atlas",
     "Chart",
+    "CollapsedError",
     "Diagnostics",
     "DisconnectedError",
     "Progress",

@@ -18,7 +18,7 @@ from . import _core
 from .hierarchy import SegmentTree
 from .io import write_bytes
 from .metrics import atlas_metrics
-from .packing import pack
+from .packing import check_packing, pack
 from .surface import Surface
 from .texture import Texture, bake, blend_vertices, checker
 
@@ -155,6 +155,7 @@ class Atlas:
             write_texture=False,
             mtl_name=f"{path.stem}.mtl",
             header=None,
+            digits=_digits(self.surface),
         )
         for name, data in sidecars.items():
             write_bytes(path.parent / name, data)
@@ -178,7 +179,7 @@ def build_atlas(
     tree: SegmentTree,
     *,
     flatten: Flatten = "lscm",
-    threshold: float = 0.02,
+    threshold: float | None = None,
     padding: int = 4,
     resolution: int = 1024,
 ) -> Atlas:
@@ -190,8 +191,9 @@ def build_atlas(
     Parameters
     ----------
     tree : SegmentTree
-    threshold : float, default 0.02
-        The charts blend by max(chi^alpha - threshold, 0), scaled to sum 1. With 0, the paper's
+    threshold : float, optional
+        0.02 by default, half of 1 / leaves where that is less. The charts blend by
+        max(chi^alpha - threshold, 0), scaled to sum 1. With 0, the paper's
         choice, the domains are larger and often rings: a field fades to 0 where its parent
         does, so that siblings share a faint seam all around their parent.
     flatten : {"lscm"}
@@ -213,6 +215,9 @@ def build_atlas(
     if flatten not in _FLATTEN:
         raise ValueError(f"flatten: {flatten!r} must be one of {sorted(_FLATTEN)}")
     n_leaves = 2**tree.levels
+    if threshold is None:
+        threshold = min(0.02, 0.5 / n_leaves)
+    check_packing(padding, resolution)
     if not 0 <= threshold < 1 / n_leaves:
         raise ValueError(f"threshold: {threshold} must be in [0, 1 / {n_leaves})")
     raised = np.maximum(tree.weights - threshold, 0)
@@ -230,6 +235,12 @@ def build_atlas(
         charts=charts,
         uv=pack(charts, tree.surface.n_faces, padding=padding, resolution=resolution),
     )
+
+
+def _digits(surface: Surface) -> int:
+    """Decimals that keep nine digits of the coordinates of a surface of any size."""
+    extent = float(np.ptp(surface.vertices, axis=0).max())
+    return max(8, 9 - int(np.floor(np.log10(extent))))
 
 
 def _domains(tree: SegmentTree, raised: Floats) -> list[tuple[int, Ints]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,7 @@ from rich.console import Console
 
 from . import datasets, plot
 from .atlas import Atlas, build_atlas
-from .hierarchy import DisconnectedError, Progress, SegmentTree, segment
+from .hierarchy import Progress, SegmentTree, segment
 from .io import load, save_ply
 from .surface import Surface
 from .texture import load_image
@@ -59,6 +60,13 @@ Epsilon = Annotated[
         help="Interface width in the units of the mesh.", show_default="2 mean edge lengths"
     ),
 ]
+DistortionOption = Annotated[
+    float,
+    typer.Option(
+        min=0,
+        help="Weight of the conformal distortion against the interface length, for unit area.",
+    ),
+]
 SolverOption = Annotated[Solver, typer.Option(help="Optimiser.")]
 Start = Annotated[Initial, typer.Option(help="Start: random values or two clusters of normals.")]
 Seed = Annotated[int, typer.Option(help="Seed of the random start.", min=0)]
@@ -74,14 +82,15 @@ def segment_command(
     ],
     levels: Levels = 3,
     connected: Connected = True,
+    distortion: DistortionOption = 0.0,
     epsilon: Epsilon = None,
     solver: SolverOption = Solver.lbfgs,
     initial: Start = Initial.random,
     seed: Seed = 0,
 ) -> None:
     """Segment a mesh into 2^levels connected segments of equal area."""
-    _check_output(output, ".npz", ".ply")
-    tree = _segment(load(mesh), levels, connected, epsilon, solver, initial, seed)
+    _check_output(output, [mesh], ".npz", ".ply")
+    tree = _segment(load(mesh), levels, connected, distortion, epsilon, solver, initial, seed)
     if output.suffix.lower() == ".npz":
         tree.save(output)
     else:
@@ -97,6 +106,7 @@ def atlas_command(
     ],
     levels: Levels = 3,
     connected: Connected = True,
+    distortion: DistortionOption = 0.0,
     epsilon: Epsilon = None,
     solver: SolverOption = Solver.lbfgs,
     initial: Start = Initial.random,
@@ -107,13 +117,13 @@ def atlas_command(
         typer.Option(help="Image repeated over the charts and blended.", show_default="a checker"),
     ] = None,
     resolution: Annotated[
-        int, typer.Option(help="Side of the baked texture in texels.", min=16, max=16384)
+        int, typer.Option(help="Side of the baked texture in texels.", min=32, max=16384)
     ] = 1024,
 ) -> None:
     """Segment a mesh, flatten the segments and write it with a blended texture."""
-    _check_output(output, ".glb", ".obj")
+    _check_output(output, [mesh] if texture is None else [mesh, texture], ".glb", ".obj")
     image = None if texture is None else load_image(texture)
-    tree = _segment(load(mesh), levels, connected, epsilon, solver, initial, seed)
+    tree = _segment(load(mesh), levels, connected, distortion, epsilon, solver, initial, seed)
     atlas = build_atlas(tree, flatten=flatten.value, resolution=resolution)
     atlas.save(output, texture=image, resolution=resolution)
     _print_tree(tree)
@@ -152,7 +162,7 @@ def demo(
     folder.mkdir(parents=True, exist_ok=True)
     surface = datasets.starfish()
     start = time.perf_counter()
-    tree = _segment(surface, levels, True, None, Solver.lbfgs, Initial.random, 0)
+    tree = _segment(surface, levels, True, 0.0, None, Solver.lbfgs, Initial.random, 0)
     segmented = time.perf_counter()
     atlas = build_atlas(tree, resolution=2048)
     flattened = time.perf_counter()
@@ -174,26 +184,37 @@ def demo(
 
 def main() -> None:
     """Run the command line; errors are one line and a non-zero exit code."""
+    # What did not converge is printed with the result.
+    warnings.simplefilter("ignore", RuntimeWarning)
     try:
         app()
-    except (ValueError, OSError, DisconnectedError, RuntimeError, MemoryError) as error:
+    except (ValueError, OSError, RuntimeError, MemoryError) as error:
         message = " ".join(str(error).split()) or type(error).__name__
         print(f"phaseatlas: {message}", file=sys.stderr)
         sys.exit(1)
 
 
-def _check_output(output: Path, *suffixes: str) -> None:
+def _check_output(output: Path, inputs: list[Path], *suffixes: str) -> None:
     """Refuse before the work what could not be written after it."""
     if output.suffix.lower() not in suffixes:
         raise ValueError(f"output: {output} must end in {' or '.join(suffixes)}")
     if not output.absolute().parent.is_dir():
         raise ValueError(f"output: the folder of {output} does not exist")
+    written = [output]
+    if output.suffix.lower() == ".obj":
+        written += [output.with_suffix(".mtl"), output.with_suffix(".png")]
+    for path in written:
+        if path.is_dir():
+            raise ValueError(f"output: {path} is a folder")
+        if any(path.resolve() == source.resolve() for source in inputs):
+            raise ValueError(f"output: {path} would overwrite an input")
 
 
 def _segment(
     surface: Surface,
     levels: int,
     connected: bool,
+    distortion: float,
     epsilon: float | None,
     solver: Solver,
     initial: Initial,
@@ -204,6 +225,7 @@ def _segment(
             surface,
             levels,
             connected=connected,
+            distortion=distortion,
             epsilon=epsilon,
             solver=solver.value,
             initial=initial.value,
@@ -254,10 +276,14 @@ def _print_tree(tree: SegmentTree) -> None:
     length = sum(d.length for d in tree.diagnostics)
     steps = sum(d.iterations for d in tree.diagnostics)
     violation = max(abs(d.violation) for d in tree.diagnostics)
+    relative = length / np.sqrt(tree.surface.area)
     console.print(
-        f"interface length {length:.6g} ({length / np.sqrt(tree.surface.area):.3f} sqrt(area)), "
+        f"interface length (diffuse) {length:.6g} ({relative:.3f} sqrt(area)), "
         f"{steps} iterations, area constraint met to {violation:.1e}"
     )
+    for d in tree.diagnostics:
+        if not d.converged:
+            console.print(f"level {d.level + 1}, node {d.node}: not converged")
     repaired = [d for d in tree.diagnostics if d.repairs or d.relabelled_faces]
     for d in repaired:
         console.print(

@@ -1,7 +1,8 @@
 """The functionals of the paper, each a value and a gradient of the phase field.
 
 They work in the coordinates of the surface they are given: epsilon is a length, and the sharp
-limit of the perimeter is sqrt(2) times the length of the interface.
+limit of the perimeter is sqrt(2) times the length of the interface. sqrt(epsilon) and the weights
+of a sum of functionals are not free of scale: `surface.scaled(surface.area**-0.5)` has unit area.
 """
 
 from __future__ import annotations
@@ -51,6 +52,10 @@ def indicator(u: ArrayLike, delta: float) -> NDArray[np.float64]:
     v = np.clip(np.asarray(u, dtype=np.float64), -r, r)
     chi: NDArray[np.float64] = (v + r) ** 2 * (2 * r - v) / (4 * r**3)
     return chi
+
+
+def _delta(surface: Surface, epsilon: float, delta: float | None) -> float:
+    return epsilon / float(np.sqrt(surface.area)) / 10 if delta is None else delta
 
 
 class Perimeter:
@@ -103,7 +108,8 @@ class Area:
     epsilon : float
         Interface width; sets the default of `delta` only.
     delta : float, optional
-        Half width of the plateaus of the indicator chi, in [0, 1); epsilon / 10 by default.
+        Half width of the plateaus of the indicator chi, in [0, 1); epsilon / 10 by default, with
+        epsilon relative to the square root of the area.
     weight : (n,) array_like of float, optional
         Indicator of the parent segment at the vertices, in [0, 1].
 
@@ -126,7 +132,7 @@ class Area:
             raise ValueError(f"epsilon: {epsilon} must be a positive number")
         self._surface = surface
         w = None if weight is None else surface.vector("weight", weight)
-        self._core = _core.Area(surface._mesh, epsilon / 10 if delta is None else delta, w)
+        self._core = _core.Area(surface._mesh, _delta(surface, epsilon, delta), w)
 
     @property
     def total(self) -> float:
@@ -145,8 +151,8 @@ class Connectedness:
     ----------
     surface : Surface
     epsilon : float
-        Interface width; faces whose mean of u is at least 1 - sqrt(epsilon) form the
-        components.
+        Interface width, below 1: faces whose mean of u is at least 1 - sqrt(epsilon) form the
+        components, which takes a surface of about unit area.
     weight : (n,) array_like of float, optional
         Indicator of the parent segment at the vertices, in [0, 1]; paths that leave the parent
         pay by its inverse.
@@ -156,7 +162,7 @@ class Connectedness:
     Raises
     ------
     ValueError
-        For `epsilon` not positive, `weight` of another shape or outside [0, 1], an unknown
+        For `epsilon` outside (0, 1), `weight` of another shape or outside [0, 1], an unknown
         `phase`.
 
     Notes
@@ -203,7 +209,8 @@ class Distortion:
         "paper" is (12) as printed, penalty (1 - chi) / epsilon and diffusion chi + eta, whose
         limit is a Robin condition.
     delta : float, optional
-        Half width of the plateaus of the indicator chi, in [0, 1); epsilon / 10 by default.
+        Half width of the plateaus of the indicator chi, in [0, 1); epsilon / 10 by default, with
+        epsilon relative to the square root of the area.
     eta : float, optional
         Regularisation: of the diffusion in "paper" (1e-3 by default), of the penalty in units
         of 1 / epsilon^2 in "sharp" (1e-6 by default).
@@ -236,7 +243,7 @@ class Distortion:
     ) -> None:
         self._surface = surface
         w = None if weight is None else surface.vector("weight", weight)
-        delta = epsilon / 10 if delta is None else delta
+        delta = _delta(surface, epsilon, delta)
         eta = {"sharp": 1e-6, "paper": 1e-3}.get(law, 0.0) if eta is None else eta
         self._core = _core.Distortion(surface._mesh, epsilon, law, delta, eta, w)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
@@ -17,12 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from . import _core
-from .functionals import Area, Connectedness, Perimeter, indicator
+from .functionals import Area, Connectedness, Distortion, Perimeter, indicator
 from .io import write_whole
-from .optimise import Iteration, minimise
+from .optimise import AREA_CONSTRAINTS, AreaConstraint, Iteration, minimise
 from .surface import Surface
 
-__all__ = ["Diagnostics", "DisconnectedError", "Progress", "SegmentTree", "segment"]
+__all__ = [
+    "CollapsedError",
+    "Diagnostics",
+    "DisconnectedError",
+    "Progress",
+    "SegmentTree",
+    "segment",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,6 +49,10 @@ _REPAIR_ROUNDS = 4
 _REPAIR_GROWTH = 4.0
 
 _FORMAT = 1
+
+
+class CollapsedError(RuntimeError):
+    """One of the two phases of a node took no face: there is nothing to split."""
 
 
 class DisconnectedError(RuntimeError):
@@ -97,7 +109,8 @@ class Diagnostics:
     relabelled_area : float
         Their part of the area of the node.
     level_set : float
-        Value of chi(u) - chi(-u), averaged over a face, that separates the sharp segments.
+        Value of w (chi(u) - chi(-u)), w the parent's indicator, averaged over a face, that
+        separates the sharp segments.
     """
 
     level: int
@@ -126,8 +139,10 @@ class _Settings:
     sigma: float
     kappa: float
     connected: bool
-    area: Literal["lagrangian", "penalty"]
+    area: AreaConstraint
     penalty: float
+    distortion: float
+    law: Literal["sharp", "paper"]
     initial: Initial
     seed: int
     max_iterations: int
@@ -173,7 +188,8 @@ class SegmentTree:
         Phase fields, level by level.
     labels : (m,) array of int
         Leaf of each face. Labels descend the tree, so that those of a level are the labels of
-        the next divided by two: at each node a face goes to the child of larger weight.
+        the next divided by two: at each node a face goes to the child of larger weight, up to
+        the `level_set` of the node that balances the areas and its relabelled faces.
     diagnostics : tuple of Diagnostics
         One for each field.
     """
@@ -301,6 +317,8 @@ def _tree(arrays: dict[str, Any]) -> SegmentTree:
     for record in records:
         record["components"] = tuple(record["components"])
     surface = Surface(arrays["vertices"], arrays["faces"])
+    if not 1 <= int(arrays["levels"]) <= 16:
+        raise ValueError(f"levels: {int(arrays['levels'])} must be in 1..16")
     levels, labels = int(arrays["levels"]), arrays["labels"]
     shapes = {
         "fields": (2**levels - 1, surface.n_vertices),
@@ -309,6 +327,12 @@ def _tree(arrays: dict[str, Any]) -> SegmentTree:
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise ValueError(f"{name}: shape {arrays[name].shape}, expected {shape}")
+    if not np.issubdtype(labels.dtype, np.integer):
+        raise ValueError(f"labels: dtype {labels.dtype}, expected an integer")
+    if not np.isfinite(arrays["fields"]).all():
+        raise ValueError("fields: not all finite")
+    if not 0 <= float(arrays["delta"]) < 1:
+        raise ValueError(f"delta: {float(arrays['delta'])} must be in [0, 1)")
     if labels.min() < 0 or labels.max() >= 2**levels:
         raise ValueError(f"labels: outside 0..{2**levels - 1}")
     return SegmentTree(
@@ -332,9 +356,11 @@ def segment(
     kappa: float = 1.0,
     delta: float | None = None,
     eta: float = 0.0,
-    sigma: float | None = None,
-    area: Literal["lagrangian", "penalty"] = "lagrangian",
+    sigma: float = 1.0,
+    area: AreaConstraint = "lagrangian",
     penalty: float = 100.0,
+    distortion: float = 0.0,
+    law: Literal["sharp", "paper"] = "sharp",
     initial: Initial | ArrayLike = "random",
     seed: int = 0,
     solver: Literal["lbfgs"] = "lbfgs",
@@ -369,14 +395,21 @@ def segment(
         default.
     eta : float, default 0
         Added to the parent's indicator in the perimeter, equation (7).
-    sigma : float, optional
-        Penalty outside the parent, equation (7), with the surface scaled to unit area; 10 by
-        default.
-    area : {"lagrangian", "penalty"}
-        Meet the areas to 1e-5 by an augmented Lagrangian, or only penalise their deviation.
+    sigma : float, default 1
+        Penalty outside the parent, equation (7), with the surface scaled to unit area. A field
+        fades to 0 where its parent's indicator falls below about epsilon / sigma: with much
+        less, siblings would mix along the whole border of their parent.
+    area : {"lagrangian", "penalty", "none"}
+        Meet the areas to 1e-5 by an augmented Lagrangian, only penalise their deviation, or
+        leave them free.
     penalty : float, default 100
         Weight of the quadratic penalty on the relative deviation of the area, half of whose
         square it multiplies; the first weight of the augmented Lagrangian.
+    distortion : float, default 0
+        Weight omega of the conformal distortion, equation (13), with the surface scaled to unit
+        area; 0 leaves it out.
+    law : {"sharp", "paper"}
+        Of the distortion; see `functionals.Distortion`.
     initial : {"random", "normals"} or array, default "random"
         Random values in [-1, 1], two clusters of normals, or fields of shape (n,) for the root
         or (2**levels - 1, n) for all nodes.
@@ -401,6 +434,13 @@ def segment(
         For an argument that cannot be used.
     DisconnectedError
         Where `connected` was asked for and a segment stays in pieces.
+    CollapsedError
+        Where a phase is empty, for want of an area constraint or of faces.
+
+    Warns
+    -----
+    RuntimeWarning
+        For each node whose solve did not converge.
     """
     length = float(np.sqrt(surface.area))
     settings = _settings(
@@ -413,6 +453,8 @@ def segment(
         sigma=sigma,
         area=area,
         penalty=penalty,
+        distortion=distortion,
+        law=law,
         initial=initial if isinstance(initial, str) else "random",
         seed=seed,
         solver=solver,
@@ -420,6 +462,8 @@ def segment(
     )
     if not 1 <= levels <= 16:
         raise ValueError(f"levels: {levels} must be in 1..16")
+    if 2**levels > surface.n_faces:
+        raise ValueError(f"levels: {levels} asks for more segments than {surface.n_faces} faces")
     starts = _given_fields(surface, levels, initial)
     unit = surface.scaled(1 / length)
 
@@ -445,6 +489,8 @@ def segment(
         for node, split in zip(nodes, _run(nodes, executor, progress), strict=True):
             fields.append(split.u)
             diagnostics.append(split.diagnostics)
+            if not split.diagnostics.converged:
+                warnings.warn(_unconverged(split.diagnostics), RuntimeWarning, stacklevel=2)
             labels[node.faces & ~split.positive] += 1
             inside = 1.0 if node.weight is None else node.weight
             chi = indicator(split.u, settings.delta)
@@ -467,7 +513,7 @@ def _settings(
     epsilon: float,
     coarsest: float | None,
     delta: float | None,
-    sigma: float | None,
+    sigma: float,
     solver: str,
     **others: Any,
 ) -> _Settings:
@@ -480,7 +526,9 @@ def _settings(
     for name, value in positive.items():
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name}: {value} must be a positive number")
-    for name in ("eta", "kappa"):
+    if coarsest is not None and coarsest < epsilon:
+        raise ValueError(f"epsilon_start: must be at least epsilon, {coarsest / epsilon:g} of it")
+    for name in ("eta", "kappa", "distortion"):
         if not (np.isfinite(others[name]) and others[name] >= 0):
             raise ValueError(f"{name}: {others[name]} must be a number of at least 0")
     for name, least in {"seed": 0, "max_iterations": 1}.items():
@@ -492,8 +540,10 @@ def _settings(
         raise ValueError(f'solver: {solver!r} must be "lbfgs"')
     if others["initial"] not in ("random", "normals"):
         raise ValueError(f'initial: {others["initial"]!r} must be "random", "normals" or an array')
-    if others["area"] not in ("lagrangian", "penalty"):
-        raise ValueError(f'area: {others["area"]!r} must be "lagrangian" or "penalty"')
+    if others["law"] not in ("sharp", "paper"):
+        raise ValueError(f'law: {others["law"]!r} must be "sharp" or "paper"')
+    if others["area"] not in AREA_CONSTRAINTS:
+        raise ValueError(f"area: {others['area']!r} must be one of {AREA_CONSTRAINTS}")
     delta = epsilon / 10 if delta is None else delta
     if not 0 <= delta < 1:
         raise ValueError(f"delta: {delta} must be in [0, 1)")
@@ -501,7 +551,7 @@ def _settings(
         epsilon=epsilon,
         coarsest=coarsest,
         delta=delta,
-        sigma=10.0 if sigma is None else sigma,
+        sigma=sigma,
         **others,
     )
 
@@ -529,7 +579,12 @@ def _run(
         futures = [executor.submit(_split, node) for node in nodes]
         splits = []
         for node, future in zip(nodes, futures, strict=True):
-            split = future.result()
+            try:
+                split = future.result()
+            except BaseException:
+                for other in futures:
+                    other.cancel()
+                raise
             splits.append(split)
             if progress is not None:
                 done = split.diagnostics
@@ -558,6 +613,12 @@ def _split_alone(node: _Node, progress: Callable[[Progress], None] | None) -> _S
     solver.solve()
     positive, level_set = solver.sharp()
     found = _count_components(node, positive)
+    if min(found) == 0:
+        raise CollapsedError(
+            f"level {node.level + 1}, node {node.index}: the "
+            f"{'positive' if found[0] == 0 else 'negative'} phase is empty; the area is off by "
+            f"{100 * solver.violation:.2g} % of its target"
+        )
     crumbs = np.zeros_like(positive)
     if node.settings.connected:
         crumbs = _crumbs(node, positive)
@@ -626,11 +687,11 @@ class _NodeSolver:
         """Halve epsilon down to its value, each stage from the minimiser of the last."""
         stages = self._stages()
         for k, epsilon in enumerate(stages):
-            # Noise has hundreds of components, each a search; the widest interface merges them
-            # before any of them matters.
-            connected = k > 0 or len(stages) == 1
+            # The widest interface is found by its perimeter alone: noise has hundreds of
+            # components, each a search, and is mixed everywhere, which has no finite distortion.
+            alone = k == 0 and len(stages) > 1
             last = k == len(stages) - 1
-            self._stage(epsilon, connected=connected, weight=1.0, last=last)
+            self._stage(epsilon, alone=alone, weight=1.0, last=last)
             if self.node.settings.connected and not last:
                 # A coarse stage is cheap to repair: what it leaves apart would have to grow a
                 # bridge, or melt, on the finer ones.
@@ -638,7 +699,7 @@ class _NodeSolver:
 
     def resolve(self, weight: float) -> None:
         """Solve again from the present field with a heavier connectedness term."""
-        self._stage(self.node.settings.epsilon, connected=True, weight=weight, last=True)
+        self._stage(self.node.settings.epsilon, alone=False, weight=weight, last=True)
 
     def _stages(self) -> list[float]:
         settings = self.node.settings
@@ -652,12 +713,21 @@ class _NodeSolver:
             stages.insert(0, 2 * stages[0])
         return stages
 
-    def _stage(self, epsilon: float, *, connected: bool, weight: float, last: bool) -> None:
+    def _stage(self, epsilon: float, *, alone: bool, weight: float, last: bool) -> None:
         node, settings = self.node, self.node.settings
         terms: list[tuple[float, Any]] = [(1.0, self._perimeter(epsilon))]
-        if settings.connected and connected:
-            functional = Connectedness(node.surface, epsilon, weight=node.weight)
-            terms.append((weight * epsilon**-settings.kappa, functional))
+        if settings.connected and not alone:
+            connectedness = Connectedness(node.surface, epsilon, weight=node.weight)
+            terms.append((weight * epsilon**-settings.kappa, connectedness))
+        if settings.distortion > 0 and not alone:
+            distortion = Distortion(
+                node.surface,
+                epsilon,
+                law=settings.law,
+                delta=settings.delta,
+                weight=node.weight,
+            )
+            terms.append((settings.distortion, distortion))
         mass = node.surface.mass
         # The diagonal of the perimeter's Hessian at the pure phases, Psi''(1) = 9/2.
         hessian = (self.inside + settings.eta) * (epsilon * self.diagonal + 4.5 / epsilon * mass)
@@ -764,6 +834,8 @@ def _start(node: _Node) -> Floats:
         np.add.at(at_vertices, surface.faces[:, k], normals)
     at_vertices /= np.linalg.norm(at_vertices, axis=1, keepdims=True) + np.finfo(float).tiny
     members = np.unique(surface.faces[node.faces])
+    if np.ptp(at_vertices[members], axis=0).max() < 1e-9:
+        raise ValueError('initial: "normals" needs normals that differ; this surface is flat')
     _, cluster = scipy.cluster.vq.kmeans2(at_vertices[members], 2, minit="++", rng=rng)
     u = np.zeros(surface.n_vertices)
     u[members] = np.where(cluster == 0, 1.0, -1.0)
@@ -803,6 +875,13 @@ def _small(node: _Node, crumbs: NDArray[np.bool_]) -> bool:
 def _share(node: _Node, faces: NDArray[np.bool_]) -> float:
     areas = node.surface.face_areas
     return float(areas[faces].sum() / areas[node.faces].sum())
+
+
+def _unconverged(diagnostics: Diagnostics) -> str:
+    return (
+        f"level {diagnostics.level + 1}, node {diagnostics.node}: not converged after "
+        f"{diagnostics.iterations} iterations, the area is off by {diagnostics.violation:.1e}"
+    )
 
 
 def _in_units(diagnostics: Diagnostics, length: float) -> Diagnostics:

@@ -69,13 +69,14 @@ def load(path: str | PathLike[str]) -> Surface:
 def _merge_coincident(
     vertices: NDArray[np.float64], faces: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    # Left to Surface, which names the culprit by its index in the file.
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        return vertices, faces
     _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(vertices):
         return vertices, faces
     representative = first[inverse.reshape(-1)]
     kept = np.unique(representative)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        return vertices, faces
     return vertices[kept], np.searchsorted(kept, representative[faces])
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import scipy.optimize
@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from .functionals import Functional
 
-__all__ = ["Iteration", "Result", "minimise"]
+__all__ = ["AREA_CONSTRAINTS", "AreaConstraint", "Iteration", "Result", "minimise"]
+
+AreaConstraint = Literal["lagrangian", "penalty", "none"]
+AREA_CONSTRAINTS = get_args(AreaConstraint)
 
 # Multiplier updates: the penalty grows where the violation has not fallen by _SHRINK.
 _PENALTY_GROWTH = 4.0
@@ -119,7 +122,7 @@ def minimise(
     u: NDArray[np.float64],
     *,
     scale: NDArray[np.float64],
-    area: Literal["lagrangian", "penalty"] = "lagrangian",
+    area: AreaConstraint = "lagrangian",
     multiplier: float = 0.0,
     penalty: float = 100.0,
     feasibility: float = 1e-5,
@@ -143,9 +146,9 @@ def minimise(
     scale : (n,) array
         Positive; the unknowns are scale * u. The root of an estimate of the diagonal of the
         Hessian makes them alike.
-    area : {"lagrangian", "penalty"}
-        Meet the constraint to `feasibility` by an augmented Lagrangian, or add the quadratic
-        penalty alone, which leaves a violation.
+    area : {"lagrangian", "penalty", "none"}
+        Meet the constraint to `feasibility` by an augmented Lagrangian, add the quadratic
+        penalty alone, which leaves a violation, or drop the constraint.
     multiplier, penalty : float
         First Lagrange multiplier and weight of the quadratic penalty.
     feasibility : float, default 1e-5
@@ -168,11 +171,12 @@ def minimise(
     ValueError
         For an unknown `area`.
     """
-    if area not in ("lagrangian", "penalty"):
-        raise ValueError(f'area: {area!r} must be "lagrangian" or "penalty"')
+    if area not in AREA_CONSTRAINTS:
+        raise ValueError(f"area: {area!r} must be one of {AREA_CONSTRAINTS}")
     lagrangian = _Lagrangian(terms, constraint, target, scale)
-    lagrangian.multiplier = multiplier
-    lagrangian.penalty = penalty
+    if area != "none":
+        lagrangian.multiplier = multiplier
+        lagrangian.penalty = penalty
     x = u * scale
     iterations = 0
 
@@ -203,12 +207,12 @@ def minimise(
                 },
             )
             x = solution.x
-            stopped_at_minimum = solution.status != 2
-            if stopped_at_minimum:
+            stopped_at_minimum = solution.status == 0
+            if solution.status != 2:
                 break
         lagrangian(x)
         violation = abs(lagrangian.violation)
-        if area == "penalty" or violation <= feasibility or iterations >= max_iterations:
+        if area != "lagrangian" or violation <= feasibility or iterations >= max_iterations:
             break
         lagrangian.multiplier += lagrangian.penalty * lagrangian.violation
         if violation > _SHRINK * previous_violation:
@@ -224,5 +228,5 @@ def minimise(
         evaluations=lagrangian.evaluations,
         converged=stopped_at_minimum
         and iterations < max_iterations
-        and (area == "penalty" or abs(lagrangian.violation) <= feasibility),
+        and (area != "lagrangian" or abs(lagrangian.violation) <= feasibility),
     )

@@ -73,10 +73,7 @@ def pack(
     RuntimeError
         If xatlas drops or splits a piece.
     """
-    if resolution < 1:
-        raise ValueError(f"resolution must be at least 1, got {resolution}")
-    if not 0 <= padding <= resolution // 8:
-        raise ValueError(f"padding must lie in 0..resolution / 8, got {padding} at {resolution}")
+    check_packing(padding, resolution)
     _check_cover(charts, n_faces)
     islands = [island for index, chart in enumerate(charts) for island in _islands(index, chart)]
     size = min(resolution, _SEARCH_RESOLUTION)
@@ -94,6 +91,14 @@ def pack(
     for island, corners, offset in zip(islands, turned, offsets, strict=True):
         uv[island.faces] = (corners * unit + offset + 0.5 * gap) / (side + gap)
     return uv
+
+
+def check_packing(padding: int, resolution: int) -> None:
+    """Raise ValueError where `pack` would refuse its options."""
+    if resolution < 1:
+        raise ValueError(f"resolution must be at least 1, got {resolution}")
+    if not 0 <= padding <= resolution // 8:
+        raise ValueError(f"padding must lie in 0..resolution / 8, got {padding} at {resolution}")
 
 
 def _check_cover(charts: Sequence[Chart], n_faces: int) -> None:

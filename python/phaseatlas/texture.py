@@ -295,9 +295,14 @@ def _tiles_per_unit(atlas: Atlas, scale: float) -> float:
 
 
 def _unit_image(texture: NDArray[Any]) -> Floats:
+    texture = np.asarray(texture)
     if texture.ndim != 3 or 0 in texture.shape:
         raise ValueError(f"texture must have shape (H, W, c), got {texture.shape}")
     if texture.dtype == np.uint8:
         return texture / 255.0
-    image: Floats = np.asarray(texture, dtype=np.float64)
+    if not np.issubdtype(texture.dtype, np.floating):
+        raise ValueError(f"texture: dtype {texture.dtype}, expected uint8 or floats in [0, 1]")
+    if not ((texture >= 0) & (texture <= 1)).all():
+        raise ValueError("texture: floats must be in [0, 1]")
+    image: Floats = texture.astype(np.float64)
     return image

@@ -7,6 +7,10 @@ use thiserror::Error;
 pub enum Error {
     #[error("{argument}: empty; a surface needs at least one vertex and one face")]
     Empty { argument: &'static str },
+    #[error(
+        "faces: {n_vertices} vertices and {n_faces} faces are more than indices of 32 bits hold"
+    )]
+    TooLarge { n_vertices: usize, n_faces: usize },
     #[error("vertices[{vertex}]: coordinate {axis} is {value}, not a finite number")]
     NonFiniteVertex {
         vertex: usize,

@@ -157,7 +157,7 @@ impl TriangleMesh {
         &self.pattern
     }
 
-    /// The lower triangle of the pattern, analysed for Cholesky factorisations at the first call.
+    /// The lower triangle of the pattern with the border fixed, analysed for Cholesky factorisations at the first call.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
@@ -165,7 +165,7 @@ impl TriangleMesh {
         match self.lower_triangle.get() {
             Some(lower_triangle) => Ok(lower_triangle),
             None => {
-                let lower_triangle = LowerTriangle::new(&self.pattern)?;
+                let lower_triangle = LowerTriangle::new(&self.pattern, &self.on_border)?;
                 Ok(self.lower_triangle.get_or_init(|| lower_triangle))
             }
         }
@@ -261,6 +261,12 @@ fn check_indices(vertices: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Vec<[u32; 
         }
     }
     let n_vertices = vertices.len();
+    if n_vertices.max(3 * faces.len()) >= NONE as usize {
+        return Err(Error::TooLarge {
+            n_vertices,
+            n_faces: faces.len(),
+        });
+    }
     let mut referenced = vec![false; n_vertices];
     let mut checked = Vec::with_capacity(faces.len());
     for (face, corners) in faces.iter().enumerate() {

@@ -29,19 +29,19 @@ impl Perimeter {
     #[new]
     #[pyo3(signature = (mesh, epsilon, weight=None, eta=0.0, sigma=1.0))]
     fn new(
+        py: Python<'_>,
         mesh: &TriangleMesh,
         epsilon: f64,
         weight: Option<PyReadonlyArray1<'_, f64>>,
         eta: f64,
         sigma: f64,
     ) -> PyResult<Self> {
+        let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
         let mesh = mesh.core.clone();
-        match weight {
+        detached(py, || match weight {
             None => core::Perimeter::new(mesh, epsilon),
-            Some(weight) => {
-                core::Perimeter::weighted(mesh, epsilon, weight.as_slice()?, eta, sigma)
-            }
-        }
+            Some(weight) => core::Perimeter::weighted(mesh, epsilon, weight, eta, sigma),
+        })?
         .map(Self)
         .map_err(to_python)
     }

@@ -111,20 +111,20 @@ impl TriangleMesh {
         py: Python<'py>,
         weight: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let stiffness = match weight {
+        let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
+        if let Some(weight) = weight
+            && weight.len() != self.core.n_vertices()
+        {
+            return Err(to_python(Error::Length {
+                argument: "weight",
+                actual: weight.len(),
+                expected: self.core.n_vertices(),
+            }));
+        }
+        let stiffness = detached(py, || match weight {
             None => Stiffness::new(&self.core),
-            Some(weight) => {
-                let weight = weight.as_slice()?;
-                if weight.len() != self.core.n_vertices() {
-                    return Err(to_python(Error::Length {
-                        argument: "weight",
-                        actual: weight.len(),
-                        expected: self.core.n_vertices(),
-                    }));
-                }
-                Stiffness::weighted(&self.core, weight, 0.0)
-            }
-        };
+            Some(weight) => Stiffness::weighted(&self.core, weight, 0.0),
+        })?;
         Ok(PyArray1::from_slice(py, stiffness.edge_values()))
     }
 

@@ -5,6 +5,9 @@ use pyo3::prelude::*;
 
 use crate::pool::detached;
 
+/// Largest side of a texture; two buffers of it take 5 GiB.
+const MAX_RESOLUTION: usize = 32768;
+
 /// Face and count of every texel.
 type Texels<'py> = (Bound<'py, PyArray2<i32>>, Bound<'py, PyArray2<u8>>);
 
@@ -20,6 +23,11 @@ pub fn rasterize<'py>(
         return Err(PyValueError::new_err(format!(
             "uv: shape {:?}, expected (m, 3, 2)",
             view.shape()
+        )));
+    }
+    if !(1..=MAX_RESOLUTION).contains(&resolution) {
+        return Err(PyValueError::new_err(format!(
+            "resolution: {resolution} must be in 1..{MAX_RESOLUTION}"
         )));
     }
     let (corners, _) = uv.as_slice()?.as_chunks::<2>();

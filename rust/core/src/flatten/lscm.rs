@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::linear::{Analysis, Cholesky, Factorisation};
-use crate::mesh::{NONE, TriangleMesh, cross, dot, subtract};
+use crate::mesh::{NONE, TriangleMesh, distance};
 use crate::operators::Stiffness;
 
 /// Shift of the conformal energy, which is singular on translations, relative to its diagonal.
@@ -56,6 +56,9 @@ pub fn lscm(mesh: &TriangleMesh) -> Result<Vec<[f64; 2]>> {
             .zip(&previous)
             .map(|(a, b)| (a - b).abs())
             .fold(0.0, f64::max);
+        if next.iter().any(|value| !value.is_finite()) {
+            return Err(collapsed());
+        }
         x.copy_from_slice(&next);
         previous = next;
         if change < TOLERANCE {
@@ -74,12 +77,16 @@ pub fn lscm(mesh: &TriangleMesh) -> Result<Vec<[f64; 2]>> {
     };
     let scale = (mesh.area() / area(&x)).sqrt();
     if !scale.is_finite() {
-        return Err(Error::Topology {
-            argument: "mesh",
-            reason: "the conformal map collapsed: its area in the plane is not positive".into(),
-        });
+        return Err(collapsed());
     }
     Ok((0..n).map(|v| [scale * x[v], scale * x[n + v]]).collect())
+}
+
+fn collapsed() -> Error {
+    Error::Topology {
+        argument: "mesh",
+        reason: "the conformal map collapsed: its area in the plane is not positive".into(),
+    }
 }
 
 /// The factored conformal energy on the unknowns (x of every vertex, then y).
@@ -137,32 +144,33 @@ impl ConformalEnergy {
     }
 }
 
-/// The orthogonal projection along the mean normal: any start with a component along the
-/// wanted map would do.
+/// The border on a circle by arc length, which is all that the iteration takes from its start.
 fn initial_map(mesh: &TriangleMesh) -> Vec<f64> {
     let n = mesh.n_vertices();
-    let mut normal = [0.0; 3];
-    for face in mesh.faces() {
-        let p = face.map(|v| mesh.vertices()[v as usize]);
-        let twice = cross(subtract(p[1], p[0]), subtract(p[2], p[0]));
-        normal.iter_mut().zip(twice).for_each(|(n, t)| *n += t);
+    let mut next = vec![NONE; n];
+    for half_edges in mesh.edge_half_edges().iter().filter(|h| h[1] == NONE) {
+        let (f, k) = ((half_edges[0] / 3) as usize, (half_edges[0] % 3) as usize);
+        next[mesh.faces()[f][k] as usize] = mesh.faces()[f][(k + 1) % 3];
     }
-    let smallest = (0..3).fold(0, |s, i| {
-        if normal[i].abs() < normal[s].abs() {
-            i
-        } else {
-            s
+    let position = |v: usize| mesh.vertices()[v];
+    let start = next.iter().position(|&w| w != NONE).unwrap_or(0);
+    let mut border = vec![(start, 0.0)];
+    let mut length = 0.0;
+    let mut v = start;
+    loop {
+        let w = next[v] as usize;
+        length += distance(position(v), position(w));
+        if w == start {
+            break;
         }
-    });
-    let mut axis = [0.0; 3];
-    axis[smallest] = 1.0;
-    let first = cross(normal, axis);
-    let second = cross(normal, first);
-    let length = |v: [f64; 3]| dot(v, v).sqrt().max(f64::MIN_POSITIVE);
+        border.push((w, length));
+        v = w;
+    }
     let mut x = vec![0.0; 2 * n];
-    for (v, &p) in mesh.vertices().iter().enumerate() {
-        x[v] = dot(p, first) / length(first);
-        x[n + v] = dot(p, second) / length(second);
+    for (v, along) in border {
+        let angle = std::f64::consts::TAU * along / length;
+        x[v] = angle.cos();
+        x[n + v] = angle.sin();
     }
     x
 }
@@ -204,7 +212,6 @@ fn align(x: &mut [f64], previous: &[f64], n: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::distance;
     use crate::mesh::tests::{grid, torus};
 
     #[test]
@@ -232,6 +239,27 @@ mod tests {
         let uv = lscm(&bent).unwrap();
         let diagonal = ((uv[0][0] - uv[860][0]).powi(2) + (uv[0][1] - uv[860][1]).powi(2)).sqrt();
         assert!((diagonal - 2_f64.sqrt()).abs() < 1e-3, "{diagonal}");
+    }
+
+    #[test]
+    fn square_tube_without_mean_normal_is_unrolled() {
+        let mesh = grid(16, 8, |_, _| 0.0);
+        let corner = |x: f64| match (4.0 * x) as i32 {
+            0 => [4.0 * x, 0.0],
+            1 => [1.0, 4.0 * x - 1.0],
+            2 => [3.0 - 4.0 * x, 1.0],
+            _ => [0.0, 4.0 - 4.0 * x],
+        };
+        let tube: Vec<[f64; 3]> = mesh
+            .vertices()
+            .iter()
+            .map(|p| [corner(p[0])[0], corner(p[0])[1], p[1]])
+            .collect();
+        let faces: Vec<[i64; 3]> = mesh.faces().iter().map(|f| f.map(i64::from)).collect();
+        let tube = TriangleMesh::new(tube, &faces).unwrap();
+        let uv = lscm(&tube).unwrap();
+        let width = ((uv[0][0] - uv[16][0]).powi(2) + (uv[0][1] - uv[16][1]).powi(2)).sqrt();
+        assert!((width - 4.0).abs() < 1e-3, "{width}");
     }
 
     #[test]

@@ -6,12 +6,15 @@ use rayon::prelude::*;
 
 use super::{Functional, give_back, take};
 use crate::CHUNK;
-use crate::error::{Result, check_length, check_positive, check_vector, check_weight};
+use crate::error::{Error, Result, check_length, check_positive, check_vector, check_weight};
 use crate::graph::{Components, DualWeights, Search};
 use crate::mesh::{NONE, TriangleMesh};
 use crate::potentials::ConnectednessLaws;
 
-/// Paths through faces where the parent's indicator is smaller than this pay as if it were this.
+/// Faces where the parent's indicator is smaller than this lie outside the parent: they belong to
+/// no component, and paths pay F(0) more there, so that none is free whatever u is.
+const OUTSIDE: f64 = 0.25;
+/// The price of a path is divided by the parent's indicator, but by no less than this.
 const INDICATOR_FLOOR: f64 = 1e-2;
 
 /// Which of C\[u\] (positive) and C\[-u\] (negative) a [`Connectedness`] evaluates.
@@ -28,15 +31,17 @@ pub enum Phases {
 /// Components are those of the faces with value at least a = 1 - sqrt(epsilon), a face's value
 /// the mean of its corners. W_i is the integral of H over component i, d_ij the length of the
 /// shortest dual path with edge weight mean F x mean diameter. Within a parent's indicator w, H
-/// is weighted with w and the dual edge weight divided by it. The gradient is the H' part inside
+/// is weighted with w and the dual edge weight divided by it, with F(0) added
+/// outside the parent. The gradient is the H' part inside
 /// the components plus the F' part along each shortest path.
 #[derive(Debug)]
 pub struct Connectedness {
     mesh: Arc<TriangleMesh>,
     laws: ConnectednessLaws,
     phases: Phases,
-    /// area x mean w of every face
+    /// area x mean w of every face, 0 outside the parent
     measure: Vec<f64>,
+    inside: Vec<bool>,
     /// (D_f + D_g) / 4 / w of every half-edge, so that the weight is (F_f + F_g) scale
     scale: Vec<[f64; 3]>,
     workspaces: Mutex<Vec<[Workspace; 2]>>,
@@ -67,7 +72,7 @@ struct SourceResult {
 
 impl Connectedness {
     /// # Errors
-    /// `epsilon` that is not positive, `weight` of another length or outside [0, 1].
+    /// `epsilon` outside (0, 1), `weight` of another length or outside [0, 1].
     pub fn new(
         mesh: Arc<TriangleMesh>,
         epsilon: f64,
@@ -75,17 +80,29 @@ impl Connectedness {
         phases: Phases,
     ) -> Result<Self> {
         check_positive("epsilon", epsilon)?;
+        if epsilon >= 1.0 {
+            // The threshold 1 - sqrt(epsilon) would not be positive, and the phases would overlap.
+            return Err(Error::Parameter {
+                argument: "epsilon",
+                value: epsilon,
+                expected: "below 1; scale the surface to unit area",
+            });
+        }
         if let Some(weight) = weight {
             check_weight("weight", weight, mesh.n_vertices())?;
         }
         let indicator: Vec<f64> = (0..mesh.n_faces())
             .map(|f| weight.map_or(1.0, |w| mesh.face_mean(w, f)))
             .collect();
-        let measure = mesh
-            .areas()
-            .iter()
-            .zip(&indicator)
-            .map(|(a, w)| a * w)
+        let inside: Vec<bool> = indicator.iter().map(|&w| w >= OUTSIDE).collect();
+        let measure = (0..mesh.n_faces())
+            .map(|f| {
+                if inside[f] {
+                    mesh.areas()[f] * indicator[f]
+                } else {
+                    0.0
+                }
+            })
             .collect();
         let diameters = mesh.diameters();
         let scale = mesh
@@ -108,6 +125,7 @@ impl Connectedness {
             laws: ConnectednessLaws::new(epsilon),
             phases,
             measure,
+            inside,
             scale,
             workspaces: Mutex::default(),
             searches: Mutex::default(),
@@ -141,15 +159,18 @@ impl Connectedness {
             .enumerate()
             .for_each(|(chunk, (values, prices))| {
                 for (offset, (value, price)) in values.iter_mut().zip(prices).enumerate() {
-                    *value = sign * mesh.face_mean(u, chunk * CHUNK + offset);
-                    *price = laws.f(*value);
+                    let f = chunk * CHUNK + offset;
+                    *value = sign * mesh.face_mean(u, f);
+                    *price = laws.f(*value) + if self.inside[f] { 0.0 } else { laws.f(0.0) };
                 }
             });
         let values = &workspace.values;
         let threshold = laws.threshold();
-        workspace
-            .components
-            .label(mesh, |f| values[f] >= threshold, |_, _| true);
+        workspace.components.label(
+            mesh,
+            |f| self.inside[f] && values[f] >= threshold,
+            |_, _| true,
+        );
         workspace.masses.clear();
         workspace.active.clear();
         for c in 0..workspace.components.count() {

@@ -46,7 +46,8 @@ struct Coefficients {
 
 /// J\[u\] = s\[u\]^T M s\[u\] + s\[-u\]^T M s\[-u\] with A\[u\] s\[u\] = b\[u\], equation (13).
 ///
-/// A\[u\] = S\[a\] + diag(m p), b\[u\] = K b(c), K the integrated angle defect. The gradient is
+/// A\[u\] = S\[a\] + diag(m p), b\[u\] = K b(c), K the integrated angle defect; s = 0 on the border
+/// of the surface, where a chart ends too. The gradient is
 /// that of the adjoint, +2 (db - dA s)^T A^-1 M s. Both phases are factored side by side.
 pub struct Distortion {
     mesh: Arc<TriangleMesh>,
@@ -169,7 +170,11 @@ impl Distortion {
             *c = inside * chi(sign * u[i], self.delta);
             let at = self.law.at(*c, self.epsilon, self.eta);
             system.penalty[i] = mesh.mass()[i] * at.penalty;
-            system.solution[i] = curvature[i] * at.source;
+            system.solution[i] = if mesh.on_border()[i] {
+                0.0
+            } else {
+                curvature[i] * at.source
+            };
         }
         if self.law == Law::Paper {
             system.stiffness.refill(mesh, &system.indicator, self.eta);
@@ -290,6 +295,18 @@ mod tests {
                     check_gradient(&functional, &u, 1e-6);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn flat_sheet_has_nothing_to_distort() {
+        let mesh = Arc::new(grid(20, 20, |_, _| 0.0));
+        let u: Vec<f64> = mesh.vertices().iter().map(|p| 2.0 * p[0] - 1.0).collect();
+        for law in [Law::Paper, Law::Sharp] {
+            let functional = Distortion::new(mesh.clone(), law, 0.1, 0.01, 1e-6, None).unwrap();
+            let mut gradient = vec![0.0; u.len()];
+            let value = functional.value_and_gradient(&u, &mut gradient).unwrap();
+            assert!(value < 1e-20, "{value}");
         }
     }
 

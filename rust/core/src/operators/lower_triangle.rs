@@ -6,29 +6,37 @@ use std::sync::Arc;
 use super::StiffnessPattern;
 use crate::error::Result;
 use crate::linear::{Analysis, Factorisation};
+use crate::mesh::NONE;
 
-/// The pattern of all such matrices of a mesh, analysed once.
+/// The pattern of all such matrices of a mesh, analysed once. Unknowns on the border of the mesh
+/// are fixed: their rows and columns are those of the identity.
 #[derive(Debug)]
 pub struct LowerTriangle {
     column_starts: Vec<usize>,
-    /// The edge of each entry below the diagonal; the first entry of a column is the diagonal.
+    /// The edge of each entry below the diagonal, [`NONE`] where an end is fixed; the first entry
+    /// of a column is the diagonal.
     edges: Vec<u32>,
+    fixed: Vec<bool>,
     analysis: Arc<Analysis>,
 }
 
 impl LowerTriangle {
-    pub(crate) fn new(pattern: &StiffnessPattern) -> Result<Self> {
+    pub(crate) fn new(pattern: &StiffnessPattern, fixed: &[bool]) -> Result<Self> {
         let n = pattern.row_starts().len() - 1;
         let mut column_starts = vec![0];
         let (mut rows, mut edges) = (Vec::new(), Vec::new());
         for j in 0..n {
             rows.push(j);
-            edges.push(u32::MAX);
+            edges.push(NONE);
             for entry in pattern.row_starts()[j]..pattern.row_starts()[j + 1] {
                 let i = pattern.columns()[entry] as usize;
                 if i > j {
                     rows.push(i);
-                    edges.push(pattern.edge_of_entry()[entry]);
+                    edges.push(if fixed[i] || fixed[j] {
+                        NONE
+                    } else {
+                        pattern.edge_of_entry()[entry]
+                    });
                 }
             }
             column_starts.push(rows.len());
@@ -37,6 +45,7 @@ impl LowerTriangle {
         Ok(Self {
             column_starts,
             edges,
+            fixed: fixed.to_vec(),
             analysis: Arc::new(analysis),
         })
     }
@@ -54,7 +63,7 @@ impl LowerTriangle {
         self.analysis.clone()
     }
 
-    /// Writes the entries of S + diag(diagonal), S given by its edge values.
+    /// Writes the entries of S + diag(diagonal), S given by its edge values, identity where fixed.
     pub fn fill(
         &self,
         pattern: &StiffnessPattern,
@@ -69,9 +78,14 @@ impl LowerTriangle {
                 .map(|&e| edge_values[e as usize])
                 .sum();
             let column = self.column_starts[j]..self.column_starts[j + 1];
-            values[column.start] = added - sum;
-            for entry in column.start + 1..column.end {
-                values[entry] = edge_values[self.edges[entry] as usize];
+            values[column.start] = if self.fixed[j] { 1.0 } else { added - sum };
+            let below = column.start + 1..column.end;
+            for (value, &edge) in values[below.clone()].iter_mut().zip(&self.edges[below]) {
+                *value = if edge == NONE {
+                    0.0
+                } else {
+                    edge_values[edge as usize]
+                };
             }
         }
     }
