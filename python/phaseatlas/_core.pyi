@@ -63,7 +63,7 @@ class Connectedness:
     def __new__(
         cls,
         mesh: TriangleMesh,
-        epsilon: float,
+        threshold: float,
         weight: NDArray[np.float64] | None = None,
         phase: Literal["both", "positive", "negative"] = "both",
     ) -> Connectedness: ...

@@ -151,19 +151,21 @@ class Connectedness:
     ----------
     surface : Surface
     epsilon : float
-        Interface width, below 1: faces whose mean of u is at least 1 - sqrt(epsilon) form the
-        components, which takes a surface of about unit area.
+        Interface width, below 1; sets the default of `threshold` only.
     weight : (n,) array_like of float, optional
         Indicator of the parent segment at the vertices, in [0, 1]; paths that leave the parent
         pay by its inverse.
     phase : {"both", "positive", "negative"}
         Evaluate both phases, C[u] alone or C[-u] alone.
+    threshold : float, optional
+        Faces whose mean of u is at least this form the components; in (0, 1), by default
+        1 - sqrt(epsilon), which takes a surface of about unit area.
 
     Raises
     ------
     ValueError
-        For `epsilon` outside (0, 1), `weight` of another shape or outside [0, 1], an unknown
-        `phase`.
+        For `epsilon` or `threshold` outside (0, 1), `weight` of another shape or outside
+        [0, 1], an unknown `phase`.
 
     Notes
     -----
@@ -178,10 +180,16 @@ class Connectedness:
         *,
         weight: ArrayLike | None = None,
         phase: Literal["both", "positive", "negative"] = "both",
+        threshold: float | None = None,
     ) -> None:
+        if not 0 < epsilon < 1:
+            raise ValueError(
+                f"epsilon: {epsilon} must be in (0, 1); scale the surface to unit area"
+            )
         self._surface = surface
         w = None if weight is None else surface.vector("weight", weight)
-        self._core = _core.Connectedness(surface._mesh, epsilon, w, phase)
+        a = 1 - float(np.sqrt(epsilon)) if threshold is None else threshold
+        self._core = _core.Connectedness(surface._mesh, a, w, phase)
 
     def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""

@@ -42,11 +42,13 @@ _COARSEST = 0.2
 _COARSE_TOLERANCE = 1e-5
 # Crumbs up to this part of the area of their node, or of this many faces, are relabelled: faces
 # at the tips of a jagged interface. Larger ones are turned over and the node is solved again,
-# each round with a heavier connectedness term.
+# each round with a heavier connectedness term, which now sees islands whose u stays below the
+# usual threshold.
 _CRUMB_SHARE = 1e-3
 _CRUMB_FACES = 4
 _REPAIR_ROUNDS = 4
-_REPAIR_GROWTH = 4.0
+_REPAIR_GROWTH = 10.0
+_REPAIR_THRESHOLD = 0.05
 
 _FORMAT = 1
 
@@ -691,7 +693,7 @@ class _NodeSolver:
             # components, each a search, and is mixed everywhere, which has no finite distortion.
             alone = k == 0 and len(stages) > 1
             last = k == len(stages) - 1
-            self._stage(epsilon, alone=alone, weight=1.0, last=last)
+            self._stage(epsilon, alone=alone, last=last)
             if self.node.settings.connected and not last:
                 # A coarse stage is cheap to repair: what it leaves apart would have to grow a
                 # bridge, or melt, on the finer ones.
@@ -699,7 +701,9 @@ class _NodeSolver:
 
     def resolve(self, weight: float) -> None:
         """Solve again from the present field with a heavier connectedness term."""
-        self._stage(self.node.settings.epsilon, alone=False, weight=weight, last=True)
+        self._stage(
+            self.node.settings.epsilon, weight=weight, threshold=_REPAIR_THRESHOLD, last=True
+        )
 
     def _stages(self) -> list[float]:
         settings = self.node.settings
@@ -713,11 +717,21 @@ class _NodeSolver:
             stages.insert(0, 2 * stages[0])
         return stages
 
-    def _stage(self, epsilon: float, *, alone: bool, weight: float, last: bool) -> None:
+    def _stage(
+        self,
+        epsilon: float,
+        *,
+        last: bool,
+        alone: bool = False,
+        weight: float = 1.0,
+        threshold: float | None = None,
+    ) -> None:
         node, settings = self.node, self.node.settings
         terms: list[tuple[float, Any]] = [(1.0, self._perimeter(epsilon))]
         if settings.connected and not alone:
-            connectedness = Connectedness(node.surface, epsilon, weight=node.weight)
+            connectedness = Connectedness(
+                node.surface, epsilon, weight=node.weight, threshold=threshold
+            )
             terms.append((weight * epsilon**-settings.kappa, connectedness))
         if settings.distortion > 0 and not alone:
             distortion = Distortion(
@@ -752,7 +766,8 @@ class _NodeSolver:
             0.5 * self.area.total,
             self.u,
             scale=np.sqrt(hessian),
-            area=settings.area,
+            # The perimeter alone, with the areas free, would shrink to one phase.
+            area="lagrangian" if alone and settings.area == "none" else settings.area,
             multiplier=self.multiplier,
             penalty=self.penalty,
             tolerance=1e-8 if last else _COARSE_TOLERANCE,
@@ -863,6 +878,8 @@ def _crumbs(node: _Node, positive: NDArray[np.bool_]) -> NDArray[np.bool_]:
     for side in (0, 1):
         sides, parts = _parts(node, positive ^ moved)
         mine = np.flatnonzero(sides == side)
+        if len(mine) == 0:
+            continue
         areas = np.bincount(parts[mine], weights=node.surface.face_areas[mine])
         moved[mine[parts[mine] != np.argmax(areas)]] ^= True
     return moved

@@ -90,7 +90,7 @@ def atlas_metrics(surface: Surface, uv: Floats, *, resolution: int = 2048) -> di
     ValueError
         If `uv` has another shape or is not finite, or its total area is zero.
     """
-    uv = _checked_uv(surface, uv)
+    uv = checked_uv(surface, uv)
     topology = uv_topology(surface, uv)
     s1, s2, signed = _singular_values(surface, uv)
     solid = signed != 0.0
@@ -216,7 +216,8 @@ def _solve(matrix: csc_array, right: Floats) -> Floats:
     return solution
 
 
-def _checked_uv(surface: Surface, uv: Floats) -> Floats:
+def checked_uv(surface: Surface, uv: Floats) -> Floats:
+    """Texture coordinates as float64; ValueError for another shape or what is not finite."""
     uv = np.asarray(uv, dtype=np.float64)
     if uv.shape != (surface.n_faces, 3, 2):
         raise ValueError(f"uv must have shape {(surface.n_faces, 3, 2)}, got {uv.shape}")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
@@ -16,7 +14,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from . import _core
-from .metrics import uv_topology
+from .io import write_whole
+from .metrics import checked_uv, uv_topology
 from .texture import sample
 
 if TYPE_CHECKING:
@@ -130,7 +129,7 @@ def textured(
     ValueError
         If `uv` has another shape or an option is out of range.
     """
-    uv = _checked_uv(surface, uv)
+    uv = checked_uv(surface, uv)
     drawn = _render(surface, _texture_lookup(uv, image), views, size, direction)
     _write(_panels(drawn, title), path)
 
@@ -310,13 +309,6 @@ def _neighbours(surface: Surface, labels: Ints, count: int) -> NDArray[np.bool_]
     touch[a, b] = True
     np.fill_diagonal(touch, False)
     return touch | touch.T
-
-
-def _checked_uv(surface: Surface, uv: Floats) -> Floats:
-    uv = np.asarray(uv, dtype=np.float64)
-    if uv.shape != (surface.n_faces, 3, 2):
-        raise ValueError(f"uv must have shape {(surface.n_faces, 3, 2)}, got {uv.shape}")
-    return uv
 
 
 def _corner_lookup(values: Floats) -> Lookup:
@@ -559,20 +551,8 @@ def _panels(images: Sequence[Floats], title: str | None) -> Figure:
 
 
 def _write(figure: Figure, path: str | PathLike[str]) -> None:
-    """Save under a temporary name in the same folder, then rename: whole or not at all."""
-    target = Path(path)
-    suffix = target.suffix.lstrip(".").lower()
+    suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in figure.canvas.get_supported_filetypes():
-        raise ValueError(f"path must end in a known image suffix, got {str(target)!r}")
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=".", suffix=target.suffix)
-    os.close(handle)
-    try:
-        figure.savefig(name, format=suffix)
-        # mkstemp makes private files; the picture gets the permissions of an ordinary one.
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        os.replace(name, target)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+        raise ValueError(f"path must end in a known image suffix, got {str(path)!r}")
+    with write_whole(path) as temporary:
+        figure.savefig(temporary, format=suffix)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse
@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 
 __all__ = ["Surface"]
+
+Array = TypeVar("Array", bound=NDArray[Any])
 
 
 class Surface:
@@ -91,37 +93,37 @@ class Surface:
     @cached_property
     def face_areas(self) -> NDArray[np.float64]:
         """Area of each face, (m,)."""
-        return self._mesh.areas()
+        return _read_only(self._mesh.areas())
 
     @cached_property
     def face_diameters(self) -> NDArray[np.float64]:
         """Longest edge of each face, (m,)."""
-        return self._mesh.diameters()
+        return _read_only(self._mesh.diameters())
 
     @cached_property
     def mass(self) -> NDArray[np.float64]:
         """Lumped mass, a third of the area of a vertex' faces, (n,)."""
-        return self._mesh.mass()
+        return _read_only(self._mesh.mass())
 
     @cached_property
     def angle_defects(self) -> NDArray[np.float64]:
         """Integrated Gauss curvature, (n,): 2 pi - sum of angles, at the border pi - sum."""
-        return self._mesh.angle_defects()
+        return _read_only(self._mesh.angle_defects())
 
     @cached_property
     def on_border(self) -> NDArray[np.bool_]:
         """Whether a vertex lies on a boundary loop, (n,)."""
-        return self._mesh.on_border()
+        return _read_only(self._mesh.on_border())
 
     @cached_property
     def edges(self) -> NDArray[np.int64]:
         """Every edge once, smaller vertex first, sorted, (e, 2)."""
-        return self._mesh.edges()
+        return _read_only(self._mesh.edges())
 
     @cached_property
     def face_neighbours(self) -> NDArray[np.int64]:
         """Face across edge (f[k], f[(k + 1) % 3]), -1 at the border, (m, 3)."""
-        return self._mesh.neighbours()
+        return _read_only(self._mesh.neighbours())
 
     @cached_property
     def face_quality(self) -> NDArray[np.float64]:
@@ -184,6 +186,11 @@ class Surface:
         off_diagonal = scipy.sparse.csr_array((values, (rows, columns)), shape=shape)
         diagonal = scipy.sparse.diags_array(-off_diagonal.sum(axis=1))
         return (off_diagonal + diagonal).tocsr()
+
+
+def _read_only(array: Array) -> Array:
+    array.flags.writeable = False
+    return array
 
 
 def _matrix(argument: str, values: ArrayLike, dtype: Any) -> Any:

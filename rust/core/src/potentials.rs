@@ -51,15 +51,20 @@ pub struct ConnectednessLaws {
 }
 
 impl ConnectednessLaws {
-    pub fn new(epsilon: f64) -> Self {
-        let width = epsilon.sqrt();
+    /// The laws with the threshold `a`; [`Self::default_threshold`] is the paper's.
+    pub fn new(threshold: f64) -> Self {
         Self {
-            threshold: 1.0 - width,
-            width,
+            threshold,
+            width: 1.0 - threshold,
         }
     }
 
-    /// a = 1 - sqrt(epsilon): a face belongs to a component where its value is at least this.
+    /// a = 1 - sqrt(epsilon).
+    pub fn default_threshold(epsilon: f64) -> f64 {
+        1.0 - epsilon.sqrt()
+    }
+
+    /// a: a face belongs to a component where its value is at least this.
     #[inline]
     pub fn threshold(&self) -> f64 {
         self.threshold
@@ -110,7 +115,7 @@ mod tests {
         for delta in [0.0, 0.02] {
             check_derivative(|u| chi(u, delta), |u| chi_prime(u, delta));
         }
-        let laws = ConnectednessLaws::new(0.04);
+        let laws = ConnectednessLaws::new(0.8);
         check_derivative(|u| laws.f(u), |u| laws.f_prime(u));
         let h = |u| laws.h(u);
         for k in -150..=150 {
@@ -131,7 +136,7 @@ mod tests {
 
     #[test]
     fn supports_are_complementary() {
-        let laws = ConnectednessLaws::new(0.09);
+        let laws = ConnectednessLaws::new(0.7);
         assert!((laws.threshold() - 0.7).abs() < 1e-15);
         assert!(laws.f(0.69) > 0.0 && laws.h(0.69) == 0.0);
         assert!(laws.f(0.71) == 0.0 && laws.h(0.71) > 0.0);

@@ -93,10 +93,10 @@ pub struct Connectedness(core::Connectedness);
 #[pymethods]
 impl Connectedness {
     #[new]
-    #[pyo3(signature = (mesh, epsilon, weight=None, phase="both"))]
+    #[pyo3(signature = (mesh, threshold, weight=None, phase="both"))]
     fn new(
         mesh: &TriangleMesh,
-        epsilon: f64,
+        threshold: f64,
         weight: Option<PyReadonlyArray1<'_, f64>>,
         phase: &str,
     ) -> PyResult<Self> {
@@ -111,7 +111,7 @@ impl Connectedness {
             }
         };
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
-        core::Connectedness::new(mesh.core.clone(), epsilon, weight, phases)
+        core::Connectedness::new(mesh.core.clone(), threshold, weight, phases)
             .map(Self)
             .map_err(to_python)
     }

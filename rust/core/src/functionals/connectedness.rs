@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{Functional, give_back, take};
 use crate::CHUNK;
-use crate::error::{Error, Result, check_length, check_positive, check_vector, check_weight};
+use crate::error::{Error, Result, check_length, check_vector, check_weight};
 use crate::graph::{Components, DualWeights, Search};
 use crate::mesh::{NONE, TriangleMesh};
 use crate::potentials::ConnectednessLaws;
@@ -28,7 +28,7 @@ pub enum Phases {
 /// C\[u\] = sum over ordered pairs of components i != j of W_i W_j d_ij, equation (3), discretised
 /// after Dondl and Wojtowytsch (2018).
 ///
-/// Components are those of the faces with value at least a = 1 - sqrt(epsilon), a face's value
+/// Components are those of the faces with value at least the threshold a, a face's value
 /// the mean of its corners. W_i is the integral of H over component i, d_ij the length of the
 /// shortest dual path with edge weight mean F x mean diameter. Within a parent's indicator w, H
 /// is weighted with w and the dual edge weight divided by it, with F(0) added
@@ -72,20 +72,19 @@ struct SourceResult {
 
 impl Connectedness {
     /// # Errors
-    /// `epsilon` outside (0, 1), `weight` of another length or outside [0, 1].
+    /// `threshold` outside (0, 1), `weight` of another length or outside [0, 1].
     pub fn new(
         mesh: Arc<TriangleMesh>,
-        epsilon: f64,
+        threshold: f64,
         weight: Option<&[f64]>,
         phases: Phases,
     ) -> Result<Self> {
-        check_positive("epsilon", epsilon)?;
-        if epsilon >= 1.0 {
-            // The threshold 1 - sqrt(epsilon) would not be positive, and the phases would overlap.
+        if !(threshold > 0.0 && threshold < 1.0) {
+            // Below 0 the phases would overlap.
             return Err(Error::Parameter {
-                argument: "epsilon",
-                value: epsilon,
-                expected: "below 1; scale the surface to unit area",
+                argument: "threshold",
+                value: threshold,
+                expected: "in (0, 1)",
             });
         }
         if let Some(weight) = weight {
@@ -122,7 +121,7 @@ impl Connectedness {
             .collect();
         Ok(Self {
             mesh,
-            laws: ConnectednessLaws::new(epsilon),
+            laws: ConnectednessLaws::new(threshold),
             phases,
             measure,
             inside,
@@ -330,19 +329,19 @@ mod tests {
     #[test]
     fn gradients_with_three_components() {
         let mesh = Arc::new(grid(40, 30, |x, y| 0.1 * (6.0 * x).sin() * y));
-        let functional = Connectedness::new(mesh.clone(), 0.04, None, Phases::Both).unwrap();
+        let functional = Connectedness::new(mesh.clone(), 0.8, None, Phases::Both).unwrap();
         let u = bumps(&mesh, 1.8);
         assert_eq!(functional.components(&u).unwrap().0, 3);
         check_gradient(&functional, &u, 1e-5);
         let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
-        let weighted = Connectedness::new(mesh, 0.04, Some(&weight), Phases::Both).unwrap();
+        let weighted = Connectedness::new(mesh, 0.8, Some(&weight), Phases::Both).unwrap();
         check_gradient(&weighted, &u, 1e-5);
     }
 
     #[test]
     fn zero_exactly_when_connected() {
         let mesh = Arc::new(grid(20, 20, |_, _| 0.0));
-        let functional = Connectedness::new(mesh.clone(), 0.04, None, Phases::Both).unwrap();
+        let functional = Connectedness::new(mesh.clone(), 0.8, None, Phases::Both).unwrap();
         let u: Vec<f64> = mesh.vertices().iter().map(|p| 4.0 * p[0] - 2.0).collect();
         let mut gradient = vec![1.0; u.len()];
         assert_eq!(
@@ -361,8 +360,8 @@ mod tests {
     #[test]
     fn phases_mirror() {
         let mesh = Arc::new(grid(30, 30, |_, _| 0.0));
-        let positive = Connectedness::new(mesh.clone(), 0.04, None, Phases::Positive).unwrap();
-        let negative = Connectedness::new(mesh.clone(), 0.04, None, Phases::Negative).unwrap();
+        let positive = Connectedness::new(mesh.clone(), 0.8, None, Phases::Positive).unwrap();
+        let negative = Connectedness::new(mesh.clone(), 0.8, None, Phases::Negative).unwrap();
         let u = bumps(&mesh, 1.8);
         let minus: Vec<f64> = u.iter().map(|x| -x).collect();
         let (mut a, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
