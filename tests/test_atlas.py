@@ -13,6 +13,7 @@ import trimesh
 from PIL import Image
 
 import phaseatlas as pa
+from phaseatlas import _core
 
 RESOLUTION = 512
 
@@ -411,3 +412,44 @@ def test_vertex_colors_are_the_blend_at_the_vertices(star, atlas):
             (chart.weights / copies)[:, None] * smooth(tiles * chart.uv),
         )
     np.testing.assert_allclose(atlas.vertex_colors(smooth), expected, atol=1e-12)
+
+
+def disk_of(surface, faces):
+    """The faces as a disk of their own, and the surface vertex of each of its vertices."""
+    disk, triangles, vertices, _, _ = _core.cut_chart(surface._mesh, np.flatnonzero(faces))
+    return disk, triangles, vertices
+
+
+def test_boundary_first_map_of_a_cap_has_the_scale_of_the_closed_form():
+    sphere = pa.datasets.icosphere(5)
+    z = sphere.vertices[:, 2]
+    disk, triangles, vertices = disk_of(sphere, (z[sphere.faces] >= 0.3).all(axis=1))
+    uv, log_scale = _core.bff(disk)
+    # The rim is jagged: the closed form takes the mean of cos t0 along it.
+    height = z[vertices]
+    expected = np.log((1 + height[disk.on_border()].mean()) / (1 + height))
+    inside = height > 0.5
+    assert np.abs(log_scale - expected)[inside].max() < 0.02
+    # What is reported is what was done: lengths of the plane over lengths of the surface.
+    measured = edge_scale(uv, sphere.vertices[vertices], triangles)
+    reported = log_scale[triangles].mean(axis=1)
+    kept = inside[triangles].all(axis=1)
+    assert np.abs(measured - reported)[kept].max() < 0.03
+
+
+def edge_scale(uv, positions, triangles):
+    """Half the log ratio of the area of each triangle in the plane and on the surface."""
+    a, b, c = (uv[triangles[:, k]] for k in range(3))
+    flat = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    p, q, r = (positions[triangles[:, k]] for k in range(3))
+    return 0.5 * np.log(flat / np.linalg.norm(np.cross(q - p, r - p), axis=1))
+
+
+@pytest.mark.parametrize("flatten", ["bff", "lscm"])
+def test_a_developable_chart_keeps_its_shape(flatten):
+    cylinder = pa.datasets.cylinder(0.5, 1.0, 60, 20)
+    x = cylinder.vertices[:, 0]
+    disk, triangles, vertices = disk_of(cylinder, (x[cylinder.faces] >= -1e-9).all(axis=1))
+    uv = _core.bff(disk)[0] if flatten == "bff" else _core.lscm(disk)
+    measured = edge_scale(uv, cylinder.vertices[vertices], triangles)
+    assert np.abs(measured - measured.mean()).max() < 2e-3

@@ -11,6 +11,7 @@ __all__ = [
     "Distortion",
     "Perimeter",
     "TriangleMesh",
+    "bff",
     "cut_chart",
     "label_components",
     "lscm",
@@ -91,6 +92,7 @@ def cut_chart(
     mesh: TriangleMesh, faces: NDArray[np.int64]
 ) -> tuple[TriangleMesh, NDArray[np.int64], NDArray[np.int64], int, float]: ...
 def lscm(mesh: TriangleMesh) -> NDArray[np.float64]: ...
+def bff(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def rasterize(
     uv: NDArray[np.float64], resolution: int
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]: ...

@@ -26,9 +26,12 @@ __all__ = ["Atlas", "Chart", "build_atlas"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Flatten = Literal["lscm"]
+Flatten = Literal["bff", "lscm"]
 
-_FLATTEN: dict[str, Callable[[_core.TriangleMesh], Floats]] = {"lscm": _core.lscm}
+_FLATTEN: dict[str, Callable[[_core.TriangleMesh], Floats]] = {
+    "bff": lambda disk: _core.bff(disk)[0],
+    "lscm": _core.lscm,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +181,7 @@ class Atlas:
 def build_atlas(
     tree: SegmentTree,
     *,
-    flatten: Flatten = "lscm",
+    flatten: Flatten = "bff",
     threshold: float | None = None,
     padding: int = 4,
     resolution: int = 1024,
@@ -196,8 +199,10 @@ def build_atlas(
         max(chi^alpha - threshold, 0), scaled to sum 1. With 0, the paper's
         choice, the domains are larger and often rings: a field fades to 0 where its parent
         does, so that siblings share a faint seam all around their parent.
-    flatten : {"lscm"}
-        The map: least-squares conformal in its spectral form.
+    flatten : {"bff", "lscm"}
+        The map: boundary-first with scale 1 on the border of the domain (Sawhney and Crane
+        2017), which distorts area least among the conformal maps (Springborn, Schroeder and
+        Pinkall 2008), or least-squares conformal in its spectral form (Mullen et al. 2008).
     padding : int, default 4
         Least distance of the packed charts, in texels.
     resolution : int, default 1024

@@ -39,6 +39,7 @@ class Solver(enum.StrEnum):
 
 
 class Flatten(enum.StrEnum):
+    bff = "bff"
     lscm = "lscm"
 
 
@@ -70,7 +71,9 @@ DistortionOption = Annotated[
 SolverOption = Annotated[Solver, typer.Option(help="Optimiser.")]
 Start = Annotated[Initial, typer.Option(help="Start: random values or two clusters of normals.")]
 Seed = Annotated[int, typer.Option(help="Seed of the random start.", min=0)]
-FlattenOption = Annotated[Flatten, typer.Option(help="Chart map: least-squares conformal.")]
+FlattenOption = Annotated[
+    Flatten, typer.Option(help="Chart map: least-squares conformal, or boundary-first.")
+]
 
 
 @app.command("segment")
@@ -111,7 +114,7 @@ def atlas_command(
     solver: SolverOption = Solver.lbfgs,
     initial: Start = Initial.random,
     seed: Seed = 0,
-    flatten: FlattenOption = Flatten.lscm,
+    flatten: FlattenOption = Flatten.bff,
     texture: Annotated[
         Path | None,
         typer.Option(help="Image repeated over the charts and blended.", show_default="a checker"),

@@ -12,7 +12,7 @@
 //! | (12), (13) | diffuse Yamabe equation, distortion and its adjoint | [`functionals::distortion`] |
 //! | section 3 | the scalar laws Psi, chi, F, H | [`potentials`] |
 //! | section 3 | stiffness and lumped mass | [`operators`], [`mesh`] |
-//! | section 4 | chart maps (least-squares conformal) | [`flatten`] |
+//! | section 4 | chart maps (least-squares conformal, boundary-first) | [`flatten`] |
 //!
 //! Every functional has one shape, [`functionals::Functional`]. What depends on the surface
 //! alone is built once, in [`mesh::TriangleMesh`]. Results do not depend on the number of

@@ -50,3 +50,16 @@ pub fn lscm<'py>(py: Python<'py>, mesh: &TriangleMesh) -> PyResult<Bound<'py, Py
     let uv = detached(py, || core::lscm(&mesh.core))?.map_err(to_python)?;
     array2(py, &uv)
 }
+
+/// Points and values of the vertices.
+type ScaledMap<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Boundary-first map of a disk and its log scale factor, a point and a value a vertex.
+#[pyfunction]
+pub fn bff<'py>(py: Python<'py>, mesh: &TriangleMesh) -> PyResult<ScaledMap<'py>> {
+    let flat = detached(py, || core::bff(&mesh.core))?.map_err(to_python)?;
+    Ok((
+        array2(py, &flat.uv)?,
+        PyArray1::from_vec(py, flat.log_scale),
+    ))
+}

@@ -28,6 +28,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::cut_chart, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;
+    module.add_function(wrap_pyfunction!(flatten::bff, module)?)?;
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
     Ok(())
 }

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use super::border_vertices;
 use crate::error::{Error, Result};
 use crate::linear::{Analysis, Cholesky, Factorisation};
 use crate::mesh::{NONE, TriangleMesh, distance};
@@ -25,16 +26,7 @@ const TOLERANCE: f64 = 1e-9;
 /// [`Error::Topology`] for a mesh that is no disk, [`Error::NotPositiveDefinite`] where
 /// rounding spoils the factorisation of extreme needles.
 pub fn lscm(mesh: &TriangleMesh) -> Result<Vec<[f64; 2]>> {
-    if mesh.euler_characteristic() != 1 || mesh.n_boundary_loops() != 1 {
-        return Err(Error::Topology {
-            argument: "mesh",
-            reason: format!(
-                "a disk is needed; this has Euler characteristic {} and {} boundary loops",
-                mesh.euler_characteristic(),
-                mesh.n_boundary_loops()
-            ),
-        });
-    }
+    check_disk(mesh)?;
     let n = mesh.n_vertices();
     let mut solver = ConformalEnergy::new(mesh)?;
     let border: Vec<usize> = (0..n).filter(|&v| mesh.on_border()[v]).collect();
@@ -80,6 +72,20 @@ pub fn lscm(mesh: &TriangleMesh) -> Result<Vec<[f64; 2]>> {
         return Err(collapsed());
     }
     Ok((0..n).map(|v| [scale * x[v], scale * x[n + v]]).collect())
+}
+
+pub(super) fn check_disk(mesh: &TriangleMesh) -> Result<()> {
+    if mesh.euler_characteristic() != 1 || mesh.n_boundary_loops() != 1 {
+        return Err(Error::Topology {
+            argument: "mesh",
+            reason: format!(
+                "a disk is needed; this has Euler characteristic {} and {} boundary loops",
+                mesh.euler_characteristic(),
+                mesh.n_boundary_loops()
+            ),
+        });
+    }
+    Ok(())
 }
 
 fn collapsed() -> Error {
@@ -147,27 +153,16 @@ impl ConformalEnergy {
 /// The border on a circle by arc length, which is all that the iteration takes from its start.
 fn initial_map(mesh: &TriangleMesh) -> Vec<f64> {
     let n = mesh.n_vertices();
-    let mut next = vec![NONE; n];
-    for half_edges in mesh.edge_half_edges().iter().filter(|h| h[1] == NONE) {
-        let (f, k) = ((half_edges[0] / 3) as usize, (half_edges[0] % 3) as usize);
-        next[mesh.faces()[f][k] as usize] = mesh.faces()[f][(k + 1) % 3];
-    }
-    let position = |v: usize| mesh.vertices()[v];
-    let start = next.iter().position(|&w| w != NONE).unwrap_or(0);
-    let mut border = vec![(start, 0.0)];
+    let border = border_vertices(mesh);
     let mut length = 0.0;
-    let mut v = start;
-    loop {
-        let w = next[v] as usize;
-        length += distance(position(v), position(w));
-        if w == start {
-            break;
-        }
-        border.push((w, length));
-        v = w;
+    let mut places = Vec::with_capacity(border.len());
+    for (i, &v) in border.iter().enumerate() {
+        places.push((v, length));
+        let w = border[(i + 1) % border.len()];
+        length += distance(mesh.vertices()[v], mesh.vertices()[w]);
     }
     let mut x = vec![0.0; 2 * n];
-    for (v, along) in border {
+    for (v, along) in places {
         let angle = std::f64::consts::TAU * along / length;
         x[v] = angle.cos();
         x[n + v] = angle.sin();
