@@ -18,7 +18,7 @@ from . import _core
 from .hierarchy import SegmentTree
 from .io import write_bytes
 from .metrics import atlas_metrics
-from .packing import check_packing, pack
+from .packing import check_packing, face_areas, pack
 from .surface import Surface
 from .texture import Texture, bake, blend_vertices, checker
 
@@ -127,6 +127,7 @@ class Atlas:
         *,
         texture: Texture | None = None,
         resolution: int = 1024,
+        image: NDArray[np.uint8] | None = None,
     ) -> None:
         """Write the surface with its texture coordinates and a baked texture.
 
@@ -137,6 +138,8 @@ class Atlas:
             Files are written whole or not at all.
         texture, resolution
             As in `bake`.
+        image : (r, r, 3) array of uint8, optional
+            What `bake` returned, to write it instead of baking again.
 
         Raises
         ------
@@ -147,7 +150,9 @@ class Atlas:
         suffix = path.suffix.lower()
         if suffix not in (".glb", ".obj"):
             raise ValueError(f"path: suffix {path.suffix!r} of {path} must be .glb or .obj")
-        mesh = self._textured_mesh(self.bake(texture, resolution=resolution), path.stem)
+        if image is None:
+            image = self.bake(texture, resolution=resolution)
+        mesh = self._textured_mesh(image, path.stem)
         if suffix == ".glb":
             write_bytes(path, mesh.export(file_type="glb"))
             return
@@ -194,15 +199,15 @@ def build_atlas(
     Parameters
     ----------
     tree : SegmentTree
+    flatten : {"bff", "lscm"}
+        The map: boundary-first with scale 1 on the border of the domain (Sawhney and Crane
+        2017), which distorts area least among the conformal maps (Springborn, Schroeder and
+        Pinkall 2008), or least-squares conformal in its spectral form (Mullen et al. 2008).
     threshold : float, optional
         0.02 by default, half of 1 / leaves where that is less. The charts blend by
         max(chi^alpha - threshold, 0), scaled to sum 1. With 0, the paper's
         choice, the domains are larger and often rings: a field fades to 0 where its parent
         does, so that siblings share a faint seam all around their parent.
-    flatten : {"bff", "lscm"}
-        The map: boundary-first with scale 1 on the border of the domain (Sawhney and Crane
-        2017), which distorts area least among the conformal maps (Springborn, Schroeder and
-        Pinkall 2008), or least-squares conformal in its spectral form (Mullen et al. 2008).
     padding : int, default 4
         Least distance of the packed charts, in texels.
     resolution : int, default 1024
@@ -291,11 +296,10 @@ def _chart(
     surface = tree.surface
     disk, triangles, vertices, _, cut_length = _core.cut_chart(surface._mesh, faces)
     uv = flatten(disk)
-    a, b, c = np.moveaxis(uv[triangles], 1, 0)
-    flat = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    flat = face_areas(uv[triangles])
     labelled = tree.labels[faces] == leaf
-    scale = np.sqrt(surface.face_areas[faces][labelled].sum() / np.abs(flat[labelled]).sum())
-    flat_mass = np.bincount(triangles.reshape(-1), weights=np.repeat(np.abs(flat), 3))
+    scale = np.sqrt(surface.face_areas[faces][labelled].sum() / flat[labelled].sum())
+    flat_mass = np.bincount(triangles.reshape(-1), weights=np.repeat(flat, 3))
     return Chart(
         segment=leaf,
         faces=faces,

@@ -170,7 +170,7 @@ def demo(
     atlas = build_atlas(tree, resolution=2048)
     flattened = time.perf_counter()
     image = atlas.bake(resolution=2048)
-    atlas.save(folder / "starfish.glb", resolution=2048)
+    atlas.save(folder / "starfish.glb", image=image)
     plot.segments(surface, tree.weights, folder / "segments.png")
     plot.uv_layout(atlas, image, folder / "uv.png")
     drawn = time.perf_counter()

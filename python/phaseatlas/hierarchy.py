@@ -39,7 +39,7 @@ Initial = Literal["random", "normals"]
 # Continuation starts where epsilon is about this part of the square root of the segment's area:
 # the interface is then as wide as the segment, and few local minima are left.
 _COARSEST = 0.2
-_COARSE_TOLERANCE = 1e-5
+_COARSE: dict[str, Any] = {"tolerance": 1e-5, "max_updates": 1}
 # Crumbs up to this part of the area of their node, or of this many faces, are relabelled: faces
 # at the tips of a jagged interface. Larger ones are turned over and the node is solved again,
 # each round with a heavier connectedness term, which now sees islands whose u stays below the
@@ -770,10 +770,9 @@ class _NodeSolver:
             area="lagrangian" if alone and settings.area == "none" else settings.area,
             multiplier=self.multiplier,
             penalty=self.penalty,
-            tolerance=1e-8 if last else _COARSE_TOLERANCE,
             max_iterations=settings.max_iterations,
-            max_updates=30 if last else 1,
             callback=report,
+            **({} if last else _COARSE),
         )
         self.u = result.u
         self.multiplier = result.multiplier
@@ -804,8 +803,8 @@ class _NodeSolver:
         """Faces of the positive segment, (m,), and the level set that bounds them.
 
         The level is the one that halves the area of the node's faces: 0, by symmetry, but for
-        the size of a face, which the finest segments feel. Where the area is only penalised it
-        is 0.
+        the size of a face, which the finest segments feel. Where the area is only penalised,
+        or free, it is 0.
         """
         chi = indicator(self.u, self.node.settings.delta)
         faces = np.flatnonzero(self.node.faces)

@@ -77,7 +77,7 @@ def pack(
     _check_cover(charts, n_faces)
     islands = [island for index, chart in enumerate(charts) for island in _islands(index, chart)]
     size = min(resolution, _SEARCH_RESOLUTION)
-    area = sum(float(_face_areas(island.corners).sum()) for island in islands)
+    area = sum(float(face_areas(island.corners).sum()) for island in islands)
     unit = size * np.sqrt(_EXPECTED_FILL / area)
 
     # The padding in texels of the search depends on the side of the square, known only afterwards.
@@ -125,7 +125,7 @@ def _islands(index: int, chart: Chart) -> list[_Island]:
     islands = []
     for k in range(count):
         member = piece == k
-        areas = _face_areas(corners[member])
+        areas = face_areas(corners[member])
         if not areas.sum() > 0.0:
             face = int(faces[member][0])
             raise ValueError(f"charts[{index}].uv has a piece without area, at face {face}")
@@ -143,7 +143,8 @@ def _edge_components(triangles: Ints) -> tuple[int, NDArray[np.int32]]:
     return int(count), part
 
 
-def _face_areas(corners: Floats) -> Floats:
+def face_areas(corners: Floats) -> Floats:
+    """Areas in the plane, (k,), of triangles with corners (k, 3, 2), whatever their orientation."""
     a = corners[:, 1] - corners[:, 0]
     b = corners[:, 2] - corners[:, 0]
     areas: Floats = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -244,7 +245,7 @@ def _solid(piece: Floats, reach: int) -> Floats:
     the rest, whose outline is what counts.
     """
     edges = np.linalg.norm(piece - np.roll(piece, 1, axis=1), axis=2)
-    areas = _face_areas(piece)
+    areas = face_areas(piece)
     sound = (edges.min(axis=1) > _SHORTEST_EDGE) & (areas > _SMALLEST_FACE)
     if sound.all():
         return piece

@@ -146,6 +146,18 @@ pub(crate) fn check_positive(argument: &'static str, value: f64) -> Result<()> {
     }
 }
 
+pub(crate) fn check_delta(value: f64) -> Result<()> {
+    if (0.0..1.0).contains(&value) {
+        Ok(())
+    } else {
+        Err(Error::Parameter {
+            argument: "delta",
+            value,
+            expected: "in [0, 1)",
+        })
+    }
+}
+
 pub(crate) fn check_non_negative(argument: &'static str, value: f64) -> Result<()> {
     if value.is_finite() && value >= 0.0 {
         Ok(())

@@ -157,7 +157,8 @@ impl TriangleMesh {
         &self.pattern
     }
 
-    /// The lower triangle of the pattern with the border fixed, analysed for Cholesky factorisations at the first call.
+    /// The lower triangle of the pattern with the border fixed, analysed for Cholesky
+    /// factorisations at the first call.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
@@ -221,11 +222,11 @@ impl TriangleMesh {
     }
 }
 
-pub(crate) fn subtract(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+fn subtract(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
@@ -234,7 +235,7 @@ pub(crate) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     dot(d, d).sqrt()
 }
 
-pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],

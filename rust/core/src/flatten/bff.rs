@@ -1,7 +1,6 @@
 //! Boundary-first flattening of a disk (Sawhney and Crane 2017) with the border kept in length.
 
-use super::border_vertices;
-use super::lscm::check_disk;
+use super::{border_vertices, check_disk};
 use crate::error::{Error, Result};
 use crate::linear::Cholesky;
 use crate::mesh::{TriangleMesh, distance};
@@ -50,7 +49,8 @@ pub fn bff(mesh: &TriangleMesh) -> Result<Bff> {
     let border = border_vertices(mesh);
     let curve = flat_border(mesh, &stiffness, &border, &log_scale)?;
 
-    // Harmonic extension: S_II x_I = -S_IB x_B for both coordinates.
+    // Harmonic extension: S_II x_I = -S_IB x_B for both coordinates. The columns are 0 inside, so
+    // that the whole row gives the right-hand side.
     let mut columns = vec![0.0; 2 * n];
     for axis in 0..2 {
         let column = &mut columns[axis * n..(axis + 1) * n];
@@ -62,9 +62,7 @@ pub fn bff(mesh: &TriangleMesh) -> Result<Bff> {
                 if mesh.on_border()[i] {
                     column[i]
                 } else {
-                    -mesh
-                        .pattern()
-                        .apply_off_diagonal(stiffness.values(), column, i)
+                    -mesh.pattern().apply_row(stiffness.values(), column, i)
                 }
             })
             .collect();

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::border_vertices;
+use super::{border_vertices, check_disk};
 use crate::error::{Error, Result};
 use crate::linear::{Analysis, Cholesky, Factorisation};
 use crate::mesh::{NONE, TriangleMesh, distance};
@@ -72,20 +72,6 @@ pub fn lscm(mesh: &TriangleMesh) -> Result<Vec<[f64; 2]>> {
         return Err(collapsed());
     }
     Ok((0..n).map(|v| [scale * x[v], scale * x[n + v]]).collect())
-}
-
-pub(super) fn check_disk(mesh: &TriangleMesh) -> Result<()> {
-    if mesh.euler_characteristic() != 1 || mesh.n_boundary_loops() != 1 {
-        return Err(Error::Topology {
-            argument: "mesh",
-            reason: format!(
-                "a disk is needed; this has Euler characteristic {} and {} boundary loops",
-                mesh.euler_characteristic(),
-                mesh.n_boundary_loops()
-            ),
-        });
-    }
-    Ok(())
 }
 
 fn collapsed() -> Error {

@@ -9,7 +9,22 @@ pub use bff::{Bff, bff};
 pub use chart::ChartMesh;
 pub use lscm::lscm;
 
+use crate::error::{Error, Result};
 use crate::mesh::{NONE, TriangleMesh};
+
+fn check_disk(mesh: &TriangleMesh) -> Result<()> {
+    if mesh.euler_characteristic() != 1 || mesh.n_boundary_loops() != 1 {
+        return Err(Error::Topology {
+            argument: "mesh",
+            reason: format!(
+                "a disk is needed; this has Euler characteristic {} and {} boundary loops",
+                mesh.euler_characteristic(),
+                mesh.n_boundary_loops()
+            ),
+        });
+    }
+    Ok(())
+}
 
 /// The vertices of the one boundary loop of a disk, in its orientation.
 fn border_vertices(mesh: &TriangleMesh) -> Vec<usize> {

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::Functional;
 use crate::CHUNK;
-use crate::error::{Error, Result, check_length, check_vector, check_weight};
+use crate::error::{Result, check_delta, check_length, check_vector, check_weight};
 use crate::mesh::TriangleMesh;
 use crate::potentials::{chi, chi_prime};
 
@@ -22,13 +22,7 @@ impl Area {
     /// # Errors
     /// `delta` outside [0, 1), `weight` of another length or outside [0, 1].
     pub fn new(mesh: &Arc<TriangleMesh>, delta: f64, weight: Option<&[f64]>) -> Result<Self> {
-        if !(0.0..1.0).contains(&delta) {
-            return Err(Error::Parameter {
-                argument: "delta",
-                value: delta,
-                expected: "in [0, 1)",
-            });
-        }
+        check_delta(delta)?;
         let mut measure = mesh.mass().to_vec();
         if let Some(weight) = weight {
             check_weight("weight", weight, mesh.n_vertices())?;
@@ -69,6 +63,7 @@ impl Functional for Area {
 mod tests {
     use super::super::tests::{check_gradient, noise};
     use super::*;
+    use crate::error::Error;
     use crate::mesh::tests::grid;
 
     #[test]

@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex};
 
 use super::{Functional, give_back, take};
 use crate::error::{
-    Error, Result, check_length, check_non_negative, check_positive, check_vector, check_weight,
+    Result, check_delta, check_length, check_non_negative, check_positive, check_vector,
+    check_weight,
 };
 use crate::linear::Cholesky;
 use crate::mesh::TriangleMesh;
@@ -99,7 +100,7 @@ impl Law {
 impl Distortion {
     /// # Errors
     /// `epsilon` that is not positive, `delta` outside [0, 1), `eta` that is negative, `weight`
-    /// of another length or outside [0, 1], [`Error::OutOfMemory`].
+    /// of another length or outside [0, 1], [`crate::Error::OutOfMemory`].
     pub fn new(
         mesh: Arc<TriangleMesh>,
         law: Law,
@@ -110,13 +111,7 @@ impl Distortion {
     ) -> Result<Self> {
         check_positive("epsilon", epsilon)?;
         check_non_negative("eta", eta)?;
-        if !(0.0..1.0).contains(&delta) {
-            return Err(Error::Parameter {
-                argument: "delta",
-                value: delta,
-                expected: "in [0, 1)",
-            });
-        }
+        check_delta(delta)?;
         if let Some(weight) = weight {
             check_weight("weight", weight, mesh.n_vertices())?;
         }

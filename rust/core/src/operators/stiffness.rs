@@ -73,18 +73,6 @@ impl StiffnessPattern {
     }
 }
 
-impl StiffnessPattern {
-    /// sum_j S_ij u_j over the neighbours of i, without the diagonal.
-    pub(crate) fn apply_off_diagonal(&self, values: &[f64], u: &[f64], i: usize) -> f64 {
-        let entries = self.row_starts[i]..self.row_starts[i + 1];
-        self.columns[entries.clone()]
-            .iter()
-            .zip(&values[entries])
-            .map(|(&j, &s)| s * u[j as usize])
-            .sum()
-    }
-}
-
 /// The off-diagonal values of a stiffness matrix on the pattern of its mesh.
 #[derive(Debug, Clone)]
 pub struct Stiffness {
