@@ -59,15 +59,17 @@ def path_cost_derivative(u, epsilon):
     return 2.0 * np.minimum(u - threshold(epsilon), 0.0)
 
 
-def bump(u, epsilon):
-    """H: the amount of phase; zero for u <= a, one for u >= 1, smooth cubic between."""
-    t = np.clip((np.asarray(u, dtype=float) - threshold(epsilon)) / math.sqrt(epsilon), 0.0, 1.0)
+def bump(u, epsilon, plateau=1.0):
+    """H: the amount of phase; zero for u <= a, one for u >= plateau, smooth cubic between."""
+    a = threshold(epsilon)
+    t = np.clip((np.asarray(u, dtype=float) - a) / (plateau - a), 0.0, 1.0)
     return t**2 * (3.0 - 2.0 * t)
 
 
-def bump_derivative(u, epsilon):
-    t = np.clip((np.asarray(u, dtype=float) - threshold(epsilon)) / math.sqrt(epsilon), 0.0, 1.0)
-    return 6.0 * t * (1.0 - t) / math.sqrt(epsilon)
+def bump_derivative(u, epsilon, plateau=1.0):
+    a = threshold(epsilon)
+    t = np.clip((np.asarray(u, dtype=float) - a) / (plateau - a), 0.0, 1.0)
+    return 6.0 * t * (1.0 - t) / (plateau - a)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -261,10 +263,28 @@ def shortest_paths(edges, cost, sources):
     return distance, predecessor
 
 
-def connectedness(vertices, faces, u, epsilon, weight=None, floor=1e-2, outside=0.25):
+def saturated(mass, area):
+    """What counts for a mass W, W / (W + area) or itself, and its derivative."""
+    return (mass, 1.0) if area is None else (mass / (mass + area), area / (mass + area) ** 2)
+
+
+def connectedness(
+    vertices,
+    faces,
+    u,
+    epsilon,
+    weight=None,
+    floor=1e-2,
+    outside=0.25,
+    form="pairs",
+    saturation=None,
+    plateau=1.0,
+):
     """Equation (3) for the positive phase: sum over ordered pairs i != j of W_i W_j d_ij.
 
-    Faces whose mean weight is below ``outside`` belong to no component and cost F(0) more.
+    Faces whose mean weight is below ``outside`` belong to no component and cost F(0) more. The form
+    "tree" sums over the edges of the shortest spanning tree instead, with the masses of the two
+    parts that each joins.
     """
     w = np.ones(len(faces)) if weight is None else face_means(faces, weight)
     inside = w >= outside
@@ -276,38 +296,70 @@ def connectedness(vertices, faces, u, epsilon, weight=None, floor=1e-2, outside=
         return 0.0, gradient
 
     areas = face_areas(vertices, faces)
-    phase = inside * areas * w * bump(values, epsilon)
-    phase_slope = inside * areas * w * bump_derivative(values, epsilon)
-    totals = [phase[labels == i].sum() for i in range(count)]
+    phase = inside * areas * w * bump(values, epsilon, plateau)
+    phase_slope = inside * areas * w * bump_derivative(values, epsilon, plateau)
+    totals = np.array([phase[labels == i].sum() for i in range(count)])
 
     cost = (path_cost(values, epsilon) + ~inside * path_cost(0.0, epsilon)).tolist()
     cost_slope = path_cost_derivative(values, epsilon)
     edges = dual_edge_factors(vertices, faces, weight, floor)
 
-    value = 0.0
-    per_total = np.zeros(count)  # dC / dW_i
-    per_face = np.zeros(len(faces))  # dC / du_f
+    lengths = np.zeros((count, count))
+    paths = {}
     for i in range(count - 1):
         distance, predecessor = shortest_paths(edges, cost, np.flatnonzero(labels == i))
         for j in range(i + 1, count):
-            end = min(np.flatnonzero(labels == j), key=lambda f: distance[f])
-            d = distance[end]
-            # The pair (i, j) stands for (j, i) as well.
-            value += 2.0 * totals[i] * totals[j] * d
-            per_total[i] += 2.0 * totals[j] * d
-            per_total[j] += 2.0 * totals[i] * d
-            f = end
+            f = min(np.flatnonzero(labels == j), key=lambda f: distance[f])
+            lengths[i, j] = distance[f]
+            paths[i, j] = []
             while predecessor[f] >= 0:
-                g = predecessor[f]
-                factor = dict(edges[f])[g]
-                per_face[f] += totals[i] * totals[j] * factor * cost_slope[f]
-                per_face[g] += totals[i] * totals[j] * factor * cost_slope[g]
-                f = g
+                paths[i, j].append((f, predecessor[f]))
+                f = predecessor[f]
+
+    # Which components the two ends of each path stand for.
+    ends = {(i, j): ([i], [j]) for i, j in paths}
+    if form == "tree":
+        ends = tree_ends(lengths)
+
+    value = 0.0
+    per_total = np.zeros(count)  # dC / dW_i
+    per_face = np.zeros(len(faces))  # dC / du_f
+    for (i, j), (here, there) in ends.items():
+        near, near_slope = saturated(totals[here].sum(), saturation)
+        far, far_slope = saturated(totals[there].sum(), saturation)
+        # The pair (i, j) stands for (j, i) as well.
+        value += 2.0 * near * far * lengths[i, j]
+        per_total[here] += 2.0 * near_slope * far * lengths[i, j]
+        per_total[there] += 2.0 * near * far_slope * lengths[i, j]
+        for f, g in paths[i, j]:
+            factor = dict(edges[f])[g]
+            per_face[f] += near * far * factor * cost_slope[f]
+            per_face[g] += near * far * factor * cost_slope[g]
     for f in range(len(faces)):
         if labels[f] >= 0:
             per_face[f] += per_total[labels[f]] * phase_slope[f]
         gradient[faces[f]] += per_face[f] / 3.0
     return value, gradient
+
+
+def tree_ends(lengths):
+    """Edges of the shortest spanning tree (Kruskal 1956) with the nodes on either side of each."""
+    count = len(lengths)
+    pairs = [(i, j) for i in range(count) for j in range(i + 1, count)]
+    tree = []
+    part = list(range(count))
+    for i, j in sorted(pairs, key=lambda pair: lengths[pair]):
+        if part[i] != part[j]:
+            part = [part[i] if p == part[j] else p for p in part]
+            tree.append((i, j))
+    ends = {}
+    for edge in tree:
+        part = list(range(count))
+        for i, j in tree:
+            if (i, j) != edge:
+                part = [part[i] if p == part[j] else p for p in part]
+        ends[edge] = tuple([k for k in range(count) if part[k] == part[end]] for end in edge)
+    return ends
 
 
 def yamabe_coefficients(c, epsilon, law, eta):

@@ -27,14 +27,22 @@ def n_components(surface, u, epsilon):
     return reference.components(np.asarray(surface.faces), u, epsilon).max() + 1
 
 
-def twin(surface, u, epsilon, weight=None, phase="both"):
+# The other forms of the functional than the paper's; the plateau lies above every threshold here.
+VARIANTS = [
+    {"form": "tree"},
+    {"saturation": 1e-2},
+    {"form": "tree", "saturation": 1e-2, "plateau": 0.95},
+]
+
+
+def twin(surface, u, epsilon, weight=None, phase="both", **variant):
     vertices, faces = arrays(surface)
     value, gradient = 0.0, np.zeros(len(vertices))
     if phase in ("both", "positive"):
-        c, dc = reference.connectedness(vertices, faces, u, epsilon, weight)
+        c, dc = reference.connectedness(vertices, faces, u, epsilon, weight, **variant)
         value, gradient = value + c, gradient + dc
     if phase in ("both", "negative"):
-        c, dc = reference.connectedness(vertices, faces, -u, epsilon, weight)
+        c, dc = reference.connectedness(vertices, faces, -u, epsilon, weight, **variant)
         value, gradient = value + c, gradient - dc
     return value, gradient
 
@@ -98,6 +106,17 @@ def test_smooth_bumps_agree_with_reference(surfaces, smooth_weight, weighted, se
     check_agreement(functional.value_and_gradient(u), twin(surfaces, u, epsilon, weight))
 
 
+@pytest.mark.parametrize("variant", VARIANTS, ids=str)
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("kind", ["random", "bumps"])
+def test_variants_agree_with_reference(surfaces, smooth_weight, variant, weighted, kind):
+    u, epsilon = random_case(surfaces) if kind == "random" else (separate_bumps(surfaces, 1), 0.1)
+    weight = smooth_weight(surfaces) if weighted else None
+    functional = pa.functionals.Connectedness(surfaces, epsilon, weight=weight, **variant)
+    expected = twin(surfaces, u, epsilon, weight, **variant)
+    check_agreement(functional.value_and_gradient(u), expected)
+
+
 def test_smooth_waves_agree_with_reference(surfaces, smooth_field):
     u, epsilon = smooth_field(surfaces, seed=5), 0.1
     expected = twin(surfaces, u, epsilon)
@@ -148,13 +167,14 @@ def test_repeated_calls_do_not_remember(surfaces):
 
 @pytest.mark.parametrize("weighted", [False, True])
 @pytest.mark.parametrize("kind", ["random", "bumps"])
-def test_gradient_is_the_derivative(surfaces, smooth_field, smooth_weight, weighted, kind):
+@pytest.mark.parametrize("variant", [{}, *VARIANTS], ids=str)
+def test_gradient_is_the_derivative(surfaces, smooth_field, smooth_weight, weighted, kind, variant):
     if kind == "random":
         u, epsilon = random_case(surfaces)
     else:
         u, epsilon = separate_bumps(surfaces, 0), 0.1
     weight = smooth_weight(surfaces) if weighted else None
-    functional = pa.functionals.Connectedness(surfaces, epsilon, weight=weight)
+    functional = pa.functionals.Connectedness(surfaces, epsilon, weight=weight, **variant)
     value, gradient = functional.value_and_gradient(u)
     assert value > 0.0
     for seed in range(4):
@@ -466,6 +486,53 @@ def small():
 def test_rejects_bad_epsilon(small, epsilon):
     with pytest.raises(ValueError, match="epsilon"):
         pa.functionals.Connectedness(small, epsilon)
+
+
+def test_tree_is_no_smaller_and_zero_alike(surfaces, smooth_field):
+    epsilon = 0.1
+    pairs = pa.functionals.Connectedness(surfaces, epsilon)
+    tree = pa.functionals.Connectedness(surfaces, epsilon, form="tree")
+    for seed in range(8):
+        u = smooth_field(surfaces, seed=seed)
+        low, high = (functional.value_and_gradient(u)[0] for functional in (pairs, tree))
+        assert (low == 0.0) == (high == 0.0)
+        assert high >= low * (1.0 - 1e-12)
+
+
+def test_saturated_tree_counts_the_bridges():
+    # Bands far larger than the saturation count 1 each, however wide they are: C is twice the
+    # length of the bridges, F(-1) = (2 - sqrt(epsilon))^2 to the unit of length.
+    surface = datasets.sheet(120, 12, size=(3.0, 0.3))
+    x = np.asarray(surface.vertices)[:, 0]
+    epsilon = 0.04
+    bands = (x < 0.5) | ((x > 0.95) & (x < 1.05)) | (x > 2.0)
+    functional = pa.functionals.Connectedness(
+        surface, epsilon, phase="positive", form="tree", saturation=1e-9
+    )
+    u = np.where(bands, 1.0, -1.0)
+    assert functional.components(u) == (3, 2)
+    length = (0.95 - 0.5) + (2.0 - 1.05)
+    price = (2.0 - math.sqrt(epsilon)) ** 2
+    # A path of dual edges, each counted with the diameters of its faces, is longer than straight.
+    value = functional.value_and_gradient(u)[0]
+    assert length * price < value / 2.0 < 4.0 * length * price
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan])
+def test_rejects_bad_saturation(small, bad):
+    with pytest.raises(ValueError, match="saturation"):
+        pa.functionals.Connectedness(small, 0.1, saturation=bad)
+
+
+@pytest.mark.parametrize("bad", [0.5, 1.1, math.nan])
+def test_rejects_bad_plateau(small, bad):
+    with pytest.raises(ValueError, match="plateau"):
+        pa.functionals.Connectedness(small, 0.1, plateau=bad)
+
+
+def test_rejects_bad_form(small):
+    with pytest.raises(ValueError, match="form"):
+        pa.functionals.Connectedness(small, 0.1, form="star")
 
 
 def test_rejects_bad_phase(small):

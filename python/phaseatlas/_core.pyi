@@ -67,6 +67,9 @@ class Connectedness:
         threshold: float,
         weight: NDArray[np.float64] | None = None,
         phase: Literal["both", "positive", "negative"] = "both",
+        form: Literal["pairs", "tree"] = "pairs",
+        saturation: float | None = None,
+        plateau: float = 1.0,
     ) -> Connectedness: ...
     def value_and_gradient(self, u: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]: ...
     def components(self, u: NDArray[np.float64]) -> tuple[int, int]: ...

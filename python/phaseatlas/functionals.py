@@ -160,17 +160,30 @@ class Connectedness:
     threshold : float, optional
         Faces whose mean of u is at least this form the components; in (0, 1), by default
         1 - sqrt(epsilon), which takes a surface of about unit area.
+    form : {"pairs", "tree"}
+        Measure the distances between components along the shortest paths, equation (3), which
+        takes a search from each of them, or along their shortest spanning tree, which takes one
+        search from all of them together. The tree's C is zero exactly where the other is, and
+        no smaller.
+    saturation : float, optional
+        Area w: for the mass W of a component, the integral of H (in "tree" over either part that
+        an edge of the tree joins), counts W / (W + w), so that components small beside the
+        whole, but not beside w, are held as firmly as large ones. By default W itself counts.
+    plateau : float, default 1
+        H rises from 0 at `threshold` to 1 here; in (`threshold`, 1].
 
     Raises
     ------
     ValueError
         For `epsilon` or `threshold` outside (0, 1), `weight` of another shape or outside
-        [0, 1], an unknown `phase`.
+        [0, 1], `saturation` not positive, `plateau` not in (`threshold`, 1], an unknown `phase`
+        or `form`.
 
     Notes
     -----
     Discretised after Dondl and Wojtowytsch (2018), with the complementary supports of F and H
-    of Dondl, Novaga, Wojtowytsch and Wolff-Vorbeck (2021).
+    of Dondl, Novaga, Wojtowytsch and Wolff-Vorbeck (2021). The tree over the regions nearest to
+    each component after Mehlhorn (1988).
     """
 
     def __init__(
@@ -181,6 +194,9 @@ class Connectedness:
         weight: ArrayLike | None = None,
         phase: Literal["both", "positive", "negative"] = "both",
         threshold: float | None = None,
+        form: Literal["pairs", "tree"] = "pairs",
+        saturation: float | None = None,
+        plateau: float = 1.0,
     ) -> None:
         if not 0 < epsilon < 1:
             raise ValueError(
@@ -189,7 +205,7 @@ class Connectedness:
         self._surface = surface
         w = None if weight is None else surface.vector("weight", weight)
         a = 1 - float(np.sqrt(epsilon)) if threshold is None else threshold
-        self._core = _core.Connectedness(surface._mesh, a, w, phase)
+        self._core = _core.Connectedness(surface._mesh, a, w, phase, form, saturation, plateau)
 
     def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""

@@ -51,11 +51,12 @@ pub struct ConnectednessLaws {
 }
 
 impl ConnectednessLaws {
-    /// The laws with the threshold `a`; [`Self::default_threshold`] is the paper's.
-    pub fn new(threshold: f64) -> Self {
+    /// The laws with the threshold `a`, [`Self::default_threshold`] for the paper's, and H = 1
+    /// from `plateau` on, 1 for the paper's.
+    pub fn new(threshold: f64, plateau: f64) -> Self {
         Self {
             threshold,
-            width: 1.0 - threshold,
+            width: plateau - threshold,
         }
     }
 
@@ -82,7 +83,7 @@ impl ConnectednessLaws {
         2.0 * (u - self.threshold).min(0.0)
     }
 
-    /// H(u): the cubic 3 t^2 - 2 t^3 with t from 0 at a to 1 at u = 1: the mass of a component.
+    /// H(u): the cubic 3 t^2 - 2 t^3 with t from 0 at a to 1 on the plateau: the mass of a component.
     #[inline]
     pub fn h(&self, u: f64) -> f64 {
         let t = ((u - self.threshold) / self.width).clamp(0.0, 1.0);
@@ -115,7 +116,7 @@ mod tests {
         for delta in [0.0, 0.02] {
             check_derivative(|u| chi(u, delta), |u| chi_prime(u, delta));
         }
-        let laws = ConnectednessLaws::new(0.8);
+        let laws = ConnectednessLaws::new(0.8, 1.0);
         check_derivative(|u| laws.f(u), |u| laws.f_prime(u));
         let h = |u| laws.h(u);
         for k in -150..=150 {
@@ -136,11 +137,12 @@ mod tests {
 
     #[test]
     fn supports_are_complementary() {
-        let laws = ConnectednessLaws::new(0.7);
+        let laws = ConnectednessLaws::new(0.7, 1.0);
         assert!((laws.threshold() - 0.7).abs() < 1e-15);
         assert!(laws.f(0.69) > 0.0 && laws.h(0.69) == 0.0);
         assert!(laws.f(0.71) == 0.0 && laws.h(0.71) > 0.0);
         assert_eq!(laws.h(1.0), 1.0);
         assert_eq!(laws.h(1.3), 1.0);
+        assert_eq!(ConnectednessLaws::new(0.1, 0.4).h(0.4), 1.0);
     }
 }

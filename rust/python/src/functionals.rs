@@ -1,5 +1,5 @@
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
-use phaseatlas_core::functionals::{self as core, Functional, Law, Phases};
+use phaseatlas_core::functionals::{self as core, Form, Functional, Law, Phases};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -93,12 +93,15 @@ pub struct Connectedness(core::Connectedness);
 #[pymethods]
 impl Connectedness {
     #[new]
-    #[pyo3(signature = (mesh, threshold, weight=None, phase="both"))]
+    #[pyo3(signature = (mesh, threshold, weight=None, phase="both", form="pairs", saturation=None, plateau=1.0))]
     fn new(
         mesh: &TriangleMesh,
         threshold: f64,
         weight: Option<PyReadonlyArray1<'_, f64>>,
         phase: &str,
+        form: &str,
+        saturation: Option<f64>,
+        plateau: f64,
     ) -> PyResult<Self> {
         let phases = match phase {
             "both" => Phases::Both,
@@ -110,9 +113,23 @@ impl Connectedness {
                 )));
             }
         };
+        let form = match form {
+            "pairs" => Form::Pairs,
+            "tree" => Form::Tree,
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "form: {other:?} must be \"pairs\" or \"tree\""
+                )));
+            }
+        };
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
         core::Connectedness::new(mesh.core.clone(), threshold, weight, phases)
-            .map(Self)
+            .and_then(|functional| functional.with_plateau(plateau))
+            .and_then(|functional| match saturation {
+                None => Ok(functional),
+                Some(area) => functional.with_saturation(area),
+            })
+            .map(|functional| Self(functional.with_form(form)))
             .map_err(to_python)
     }
 

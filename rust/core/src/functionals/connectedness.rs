@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::{Functional, give_back, take};
 use crate::CHUNK;
-use crate::error::{Error, Result, check_length, check_vector, check_weight};
-use crate::graph::{Components, DualWeights, Search};
+use crate::error::{Error, Result, check_length, check_positive, check_vector, check_weight};
+use crate::graph::{Components, DualWeights, Forest, Search, TreeEdge};
 use crate::mesh::{NONE, TriangleMesh};
 use crate::potentials::ConnectednessLaws;
 
@@ -25,6 +25,18 @@ pub enum Phases {
     Negative,
 }
 
+/// How C measures the distances between components.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// All pairs, equation (3): one search a component.
+    Pairs,
+    /// All pairs, with the distances along the shortest spanning tree, which takes one search
+    /// from all components together: the sum over its edges of W W' d with W, W' the masses of the
+    /// two parts that the edge joins. Zero exactly where the sum over all pairs is, and no
+    /// smaller.
+    Tree,
+}
+
 /// C\[u\] = sum over ordered pairs of components i != j of W_i W_j d_ij, equation (3), discretised
 /// after Dondl and Wojtowytsch (2018).
 ///
@@ -34,11 +46,16 @@ pub enum Phases {
 /// is weighted with w and the dual edge weight divided by it, with F(0) added
 /// outside the parent. The gradient is the H' part inside
 /// the components plus the F' part along each shortest path.
+///
+/// The masses may saturate: W / (W + w) with an area w in place of W holds components that are
+/// small beside the whole as firmly as large ones, as long as they are not small beside w.
 #[derive(Debug)]
 pub struct Connectedness {
     mesh: Arc<TriangleMesh>,
     laws: ConnectednessLaws,
     phases: Phases,
+    form: Form,
+    saturation: Option<f64>,
     /// area x mean w of every face, 0 outside the parent
     measure: Vec<f64>,
     inside: Vec<bool>,
@@ -55,11 +72,16 @@ struct Workspace {
     face_gradient: Vec<f64>,
     values: Vec<f64>,
     components: Components,
+    /// W_i
     masses: Vec<f64>,
     /// components of positive mass, ascending
     active: Vec<u32>,
     potential: Vec<f64>,
     results: Vec<SourceResult>,
+    forest: Forest,
+    tree: Vec<TreeEdge>,
+    /// mass of a component and all that hangs on it
+    beyond: Vec<f64>,
 }
 
 /// What the search from one component found.
@@ -121,13 +143,52 @@ impl Connectedness {
             .collect();
         Ok(Self {
             mesh,
-            laws: ConnectednessLaws::new(threshold),
+            laws: ConnectednessLaws::new(threshold, 1.0),
             phases,
+            form: Form::Pairs,
+            saturation: None,
             measure,
             inside,
             scale,
             workspaces: Mutex::default(),
             searches: Mutex::default(),
+        })
+    }
+
+    /// Measures distances as `form` says.
+    #[must_use]
+    pub fn with_form(self, form: Form) -> Self {
+        Self { form, ..self }
+    }
+
+    /// Takes W / (W + `saturation`) for the mass W of a component.
+    ///
+    /// # Errors
+    /// `saturation` that is not positive.
+    pub fn with_saturation(self, saturation: f64) -> Result<Self> {
+        check_positive("saturation", saturation)?;
+        Ok(Self {
+            saturation: Some(saturation),
+            ..self
+        })
+    }
+
+    /// Lets H reach 1 at `plateau` instead of at 1.
+    ///
+    /// # Errors
+    /// `plateau` outside (threshold, 1].
+    pub fn with_plateau(self, plateau: f64) -> Result<Self> {
+        let threshold = self.laws.threshold();
+        if !(plateau > threshold && plateau <= 1.0) {
+            return Err(Error::Parameter {
+                argument: "plateau",
+                value: plateau,
+                expected: "in (threshold, 1]",
+            });
+        }
+        Ok(Self {
+            laws: ConnectednessLaws::new(threshold, plateau),
+            ..self
         })
     }
 
@@ -192,6 +253,32 @@ impl Connectedness {
         let m = self.mesh.n_faces();
         workspace.face_gradient.clear();
         workspace.face_gradient.resize(m, 0.0);
+        if workspace.active.len() < 2 {
+            return 0.0;
+        }
+        workspace.potential.clear();
+        workspace
+            .potential
+            .resize(workspace.components.count(), 0.0);
+        let value = match self.form {
+            Form::Pairs => self.sum_pairs(workspace),
+            Form::Tree => self.sum_tree(workspace),
+        };
+        for &c in &workspace.active {
+            let c = c as usize;
+            let slope = workspace.potential[c];
+            for &f in workspace.components.faces_of(c) {
+                let f = f as usize;
+                workspace.face_gradient[f] +=
+                    slope * self.measure[f] * self.laws.h_prime(workspace.values[f]);
+            }
+        }
+        value
+    }
+
+    /// The sum over all pairs, its derivative by the masses in `potential`, by the face values
+    /// along the paths in `face_gradient`.
+    fn sum_pairs(&self, workspace: &mut Workspace) -> f64 {
         let Workspace {
             price,
             face_gradient,
@@ -201,10 +288,8 @@ impl Connectedness {
             active,
             potential,
             results,
+            ..
         } = workspace;
-        if active.len() < 2 {
-            return 0.0;
-        }
         let n_sources = active.len() - 1;
         if results.len() < n_sources {
             results.resize_with(n_sources, SourceResult::default);
@@ -226,7 +311,9 @@ impl Connectedness {
                 result.coefficients.clear();
                 result.path_terms.clear();
                 for &target in targets {
-                    let factor = 2.0 * masses[source as usize] * masses[target as usize];
+                    let factor = 2.0
+                        * self.saturate(masses[source as usize]).0
+                        * self.saturate(masses[target as usize]).0;
                     result
                         .distances
                         .push(search.distance_to(&self.mesh, target));
@@ -243,8 +330,6 @@ impl Connectedness {
                 give_back(&self.searches, search);
             });
 
-        potential.clear();
-        potential.resize(components.count(), 0.0);
         let mut value = 0.0;
         for (i, result) in results[..n_sources].iter().enumerate() {
             let source = active[i] as usize;
@@ -252,22 +337,77 @@ impl Connectedness {
             {
                 let target = target as usize;
                 value += factor * distance;
-                potential[source] += 2.0 * masses[target] * distance;
-                potential[target] += 2.0 * masses[source] * distance;
+                let (near, near_slope) = self.saturate(masses[source]);
+                let (far, far_slope) = self.saturate(masses[target]);
+                potential[source] += 2.0 * near_slope * far * distance;
+                potential[target] += 2.0 * near * far_slope * distance;
             }
             for &(f, a) in &result.path_terms {
                 let f = f as usize;
                 face_gradient[f] += a * self.laws.f_prime(values[f]);
             }
         }
-        for &c in active {
-            for &f in components.faces_of(c as usize) {
+        value
+    }
+
+    /// As [`Self::sum_pairs`], with the distances along the shortest spanning tree.
+    fn sum_tree(&self, workspace: &mut Workspace) -> f64 {
+        let Workspace {
+            price,
+            face_gradient,
+            values,
+            components,
+            masses,
+            active,
+            potential,
+            forest,
+            tree,
+            beyond,
+            ..
+        } = workspace;
+        let weights = DualWeights {
+            price,
+            scale: &self.scale,
+        };
+        forest.span(&self.mesh, weights, components, active, tree);
+        beyond.clear();
+        beyond.extend_from_slice(masses);
+        for edge in tree.iter().rev() {
+            beyond[edge.parent as usize] += beyond[edge.child as usize];
+        }
+        let total = beyond[active[0] as usize];
+        let (mut value, mut rest) = (0.0, 0.0);
+        for edge in &*tree {
+            let (parent, child) = (edge.parent as usize, edge.child as usize);
+            let (near, near_slope) = self.saturate(total - beyond[child]);
+            let (far, far_slope) = self.saturate(beyond[child]);
+            let factor = 2.0 * near * far;
+            value += factor * edge.length;
+            forest.accumulate_path(&self.mesh, weights, edge, factor, |f, a| {
                 let f = f as usize;
-                face_gradient[f] +=
-                    potential[c as usize] * self.measure[f] * self.laws.h_prime(values[f]);
-            }
+                face_gradient[f] += a * self.laws.f_prime(values[f]);
+            });
+            // By the masses on the root's side, which are all but those beyond.
+            let here = 2.0 * near_slope * far * edge.length;
+            let there = 2.0 * near * far_slope * edge.length;
+            rest += here;
+            potential[child] = potential[parent] + there - here;
+        }
+        for &c in &*active {
+            potential[c as usize] += rest;
         }
         value
+    }
+
+    /// What counts for the mass W, itself or W / (W + w), and its derivative.
+    fn saturate(&self, mass: f64) -> (f64, f64) {
+        match self.saturation {
+            None => (mass, 1.0),
+            Some(area) => {
+                let sum = mass + area;
+                (mass / sum, area / (sum * sum))
+            }
+        }
     }
 
     fn scatter(&self, face_gradient: &[f64], factor: f64, gradient: &mut [f64]) {
@@ -336,6 +476,36 @@ mod tests {
         let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
         let weighted = Connectedness::new(mesh, 0.8, Some(&weight), Phases::Both).unwrap();
         check_gradient(&weighted, &u, 1e-5);
+    }
+
+    #[test]
+    fn gradients_of_the_tree_and_of_saturated_masses() {
+        let mesh = Arc::new(grid(40, 30, |x, y| 0.1 * (6.0 * x).sin() * y));
+        let u = bumps(&mesh, 1.8);
+        let new = || Connectedness::new(mesh.clone(), 0.3, None, Phases::Both).unwrap();
+        for functional in [
+            new().with_form(Form::Tree),
+            new().with_saturation(0.01).unwrap(),
+            new().with_form(Form::Tree).with_saturation(0.01).unwrap(),
+            new().with_plateau(0.6).unwrap(),
+        ] {
+            check_gradient(&functional, &u, 1e-5);
+        }
+    }
+
+    #[test]
+    fn tree_of_bumps_in_a_row_is_all_pairs() {
+        // The way between the outer two leads through the middle one, along the tree.
+        let mesh = Arc::new(grid(40, 30, |_, _| 0.0));
+        let u = bumps(&mesh, 1.8);
+        let new = || Connectedness::new(mesh.clone(), 0.8, None, Phases::Positive).unwrap();
+        let (mut a, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+        let tree = new().with_form(Form::Tree);
+        let tree = tree.value_and_gradient(&u, &mut a).unwrap();
+        let pairs = new().value_and_gradient(&u, &mut b).unwrap();
+        assert!((tree - pairs).abs() < 1e-12 * pairs, "{tree}, {pairs}");
+        let apart = a.iter().zip(&b).map(|(x, y)| (x - y).abs());
+        assert!(apart.fold(0.0, f64::max) < 1e-12);
     }
 
     #[test]

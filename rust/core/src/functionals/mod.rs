@@ -6,7 +6,7 @@ pub mod distortion;
 pub mod perimeter;
 
 pub use area::Area;
-pub use connectedness::{Connectedness, Phases};
+pub use connectedness::{Connectedness, Form, Phases};
 pub use distortion::{Distortion, Law};
 pub use perimeter::Perimeter;
 

@@ -15,9 +15,9 @@ pub struct DualWeights<'a> {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Candidate {
-    distance: f64,
-    node: u32,
+pub(super) struct Candidate {
+    pub(super) distance: f64,
+    pub(super) node: u32,
 }
 
 impl Eq for Candidate {}
