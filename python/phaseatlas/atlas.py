@@ -28,6 +28,13 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flatten = Literal["bff", "lscm"]
 
+# Thresholds of narrower domains; the last leaves about the labelled faces.
+_NARROWER = (0.1, 0.25, 0.5)
+# Squared deviation of the log scale, over the surface, that a wider domain may cost its leaf.
+_FREE_SPREAD = 1e-3
+_WIDENING = 1.25
+_TINY = float(np.finfo(float).tiny)
+
 _FLATTEN: dict[str, Callable[[_core.TriangleMesh], Floats]] = {
     "bff": lambda disk: _core.bff(disk)[0],
     "lscm": _core.lscm,
@@ -194,7 +201,7 @@ def build_atlas(
     """Flatten the overlapping domains of the leaves and pack their sharp parts.
 
     The domain of a leaf is where its weight exceeds `threshold`, together with its labelled
-    faces; a domain that is no disk is cut open along shortest paths.
+    faces and those across their border; a domain that is no disk is cut open along shortest paths.
 
     Parameters
     ----------
@@ -204,10 +211,13 @@ def build_atlas(
         2017), which distorts area least among the conformal maps (Springborn, Schroeder and
         Pinkall 2008), or least-squares conformal in its spectral form (Mullen et al. 2008).
     threshold : float, optional
-        0.02 by default, half of 1 / leaves where that is less. The charts blend by
-        max(chi^alpha - threshold, 0), scaled to sum 1. With 0, the paper's
-        choice, the domains are larger and often rings: a field fades to 0 where its parent
-        does, so that siblings share a faint seam all around their parent.
+        The charts blend by max(chi^alpha - threshold, 0), scaled to sum 1. By default each leaf
+        has its own: the least of 0.02 (half of 1 / leaves where that is less), 0.1, 0.25 and
+        0.5 that costs the map of the labelled
+        faces little area distortion. A limb as thin as the interface would lie in the domains of
+        both sides whole, with its tip. With 0, the paper's choice, the domains are larger and
+        often rings: a field fades to 0 where its parent does, so that siblings share a faint
+        seam all around their parent.
     padding : int, default 4
         Least distance of the packed charts, in texels.
     resolution : int, default 1024
@@ -225,20 +235,21 @@ def build_atlas(
     if flatten not in _FLATTEN:
         raise ValueError(f"flatten: {flatten!r} must be one of {sorted(_FLATTEN)}")
     n_leaves = 2**tree.levels
-    if threshold is None:
-        threshold = min(0.02, 0.5 / n_leaves)
     check_packing(padding, resolution)
-    if not 0 <= threshold < 1 / n_leaves:
+    if threshold is None:
+        thresholds = (min(0.02, 0.5 / n_leaves), *_NARROWER)
+    elif 0 <= threshold < 1 / n_leaves:
+        thresholds = (threshold,)
+    else:
         raise ValueError(f"threshold: {threshold} must be in [0, 1 / {n_leaves})")
-    raised = np.maximum(tree.weights - threshold, 0)
-    domains = _domains(tree, raised)
-    weights = _blending_weights(tree, raised, domains)
 
-    def build(k: int) -> Chart:
-        return _chart(tree, *domains[k], weights[k], _FLATTEN[flatten])
+    def leaf_charts(leaf: int) -> list[_Map]:
+        return _widest(tree, leaf, thresholds, _FLATTEN[flatten])
 
     with ThreadPoolExecutor() as pool:
-        charts = tuple(pool.map(build, range(len(domains))))
+        maps = [chart for charts in pool.map(leaf_charts, range(n_leaves)) for chart in charts]
+    weights = _blending_weights(tree, maps)
+    charts = tuple(_chart(tree, *pair) for pair in zip(maps, weights, strict=True))
     return Atlas(
         surface=tree.surface,
         labels=tree.labels,
@@ -253,61 +264,118 @@ def _digits(surface: Surface) -> int:
     return max(8, 9 - int(np.floor(np.log10(extent))))
 
 
-def _domains(tree: SegmentTree, raised: Floats) -> list[tuple[int, Ints]]:
-    """Leaf and faces of every chart: the components of {weight > 0} that hold labelled faces."""
-    domains = []
-    for leaf, weight in enumerate(raised):
-        labelled = tree.labels == leaf
-        inside = (weight[tree.surface.faces] > 0).any(axis=1) | labelled
-        parts = _core.label_components(tree.surface._mesh, inside.astype(np.int64))
-        domains += [(leaf, np.flatnonzero(parts == part)) for part in np.unique(parts[labelled])]
-    return domains
+@dataclass(frozen=True)
+class _Map:
+    """A domain of a leaf and its map to the plane, in any unit of length."""
+
+    leaf: int
+    faces: Ints
+    labelled: NDArray[np.bool_]
+    vertices: Ints
+    triangles: Ints
+    uv: Floats
+    flat_areas: Floats
+    mass: Floats
+    raised: Floats
+    cut_length: float
 
 
-def _blending_weights(tree: SegmentTree, raised: Floats, domains: list[tuple[int, Ints]]) -> Floats:
+def _widest(
+    tree: SegmentTree,
+    leaf: int,
+    thresholds: tuple[float, ...],
+    flatten: Callable[[_core.TriangleMesh], Floats],
+) -> list[_Map]:
+    """Map the domains of a leaf at the least threshold that suits its labelled faces."""
+    tried = []
+    for threshold in thresholds:
+        maps = _maps(tree, leaf, threshold, flatten)
+        spread = sum(_spread(tree.surface, chart) for chart in maps)
+        if spread <= _FREE_SPREAD:
+            return maps
+        tried.append((spread, maps))
+    bound = _FREE_SPREAD + _WIDENING * min(spread for spread, _ in tried)
+    return next(maps for spread, maps in tried if spread <= bound)
+
+
+def _spread(surface: Surface, chart: _Map) -> float:
+    """Integral of the squared deviation of the log scale on the labelled faces, over the area."""
+    areas = surface.face_areas[chart.faces][chart.labelled]
+    log_scale = 0.5 * np.log(np.maximum(chart.flat_areas[chart.labelled], _TINY) / areas)
+    mean = areas @ log_scale / areas.sum()
+    return float(areas @ (log_scale - mean) ** 2 / surface.area)
+
+
+def _maps(
+    tree: SegmentTree,
+    leaf: int,
+    threshold: float,
+    flatten: Callable[[_core.TriangleMesh], Floats],
+) -> list[_Map]:
+    """Map the components of {weight > threshold} that hold labelled faces.
+
+    With these, and the faces across their borders, so that neighbouring domains always overlap.
+    """
+    surface = tree.surface
+    labelled = tree.labels == leaf
+    raised = np.maximum(tree.weights[leaf] - threshold, 0)
+    inside = (raised[surface.faces] > 0).any(axis=1) | labelled
+    across = surface.face_neighbours[labelled]
+    inside[across[across >= 0]] = True
+    parts = _core.label_components(surface._mesh, inside.astype(np.int64))
+    maps = []
+    for part in np.unique(parts[labelled]):
+        faces = np.flatnonzero(parts == part)
+        disk, triangles, vertices, _, cut_length = _core.cut_chart(surface._mesh, faces)
+        uv = flatten(disk)
+        maps.append(
+            _Map(
+                leaf=leaf,
+                faces=faces,
+                labelled=labelled[faces],
+                vertices=vertices,
+                triangles=triangles,
+                uv=uv,
+                flat_areas=face_areas(uv[triangles]),
+                mass=disk.mass(),
+                raised=raised,
+                cut_length=cut_length,
+            )
+        )
+    return maps
+
+
+def _blending_weights(tree: SegmentTree, maps: list[_Map]) -> Floats:
     """Weights of the charts, (charts, n): those of the leaf on the domain, 0 elsewhere, sum 1.
 
-    A leaf's weight lies in its domains but for specks that hold no labelled face; where one is
-    left out the others make up for it.
+    Where no weight is above its threshold a vertex goes to a chart whose labelled face it is on.
     """
-    weights = np.zeros((len(domains), tree.surface.n_vertices))
-    for k, (leaf, faces) in enumerate(domains):
-        members = np.unique(tree.surface.faces[faces])
-        weights[k, members] = raised[leaf, members]
+    weights = np.zeros((len(maps), tree.surface.n_vertices))
+    owner = np.zeros(tree.surface.n_vertices, dtype=np.int64)
+    for k, chart in enumerate(maps):
+        members = np.unique(tree.surface.faces[chart.faces])
+        weights[k, members] = chart.raised[members]
+        owner[tree.surface.faces[chart.faces[chart.labelled]]] = k
     total = weights.sum(axis=0)
     bare = np.flatnonzero(total == 0)
-    if len(bare):
-        owner = np.zeros(tree.surface.n_vertices, dtype=np.int64)
-        for k, (leaf, faces) in enumerate(domains):
-            owner[tree.surface.faces[faces[tree.labels[faces] == leaf]]] = k
-        weights[owner[bare], bare] = 1.0
-        total[bare] = 1.0
+    weights[owner[bare], bare] = 1.0
+    total[bare] = 1.0
     weights /= total
     return weights
 
 
-def _chart(
-    tree: SegmentTree,
-    leaf: int,
-    faces: Ints,
-    weight: Floats,
-    flatten: Callable[[_core.TriangleMesh], Floats],
-) -> Chart:
-    surface = tree.surface
-    disk, triangles, vertices, _, cut_length = _core.cut_chart(surface._mesh, faces)
-    uv = flatten(disk)
-    flat = face_areas(uv[triangles])
-    labelled = tree.labels[faces] == leaf
-    scale = np.sqrt(surface.face_areas[faces][labelled].sum() / flat[labelled].sum())
-    flat_mass = np.bincount(triangles.reshape(-1), weights=np.repeat(flat, 3))
+def _chart(tree: SegmentTree, chart: _Map, weight: Floats) -> Chart:
+    surface_area = tree.surface.face_areas[chart.faces][chart.labelled].sum()
+    scale = np.sqrt(surface_area / chart.flat_areas[chart.labelled].sum())
+    flat_mass = np.bincount(chart.triangles.reshape(-1), weights=np.repeat(chart.flat_areas, 3))
     return Chart(
-        segment=leaf,
-        faces=faces,
-        labelled=labelled,
-        vertices=vertices,
-        triangles=triangles,
-        uv=uv * scale,
-        weights=weight[vertices],
-        log_scale=0.5 * np.log(scale**2 * flat_mass / (3 * disk.mass())),
-        cut_length=cut_length,
+        segment=chart.leaf,
+        faces=chart.faces,
+        labelled=chart.labelled,
+        vertices=chart.vertices,
+        triangles=chart.triangles,
+        uv=chart.uv * scale,
+        weights=weight[chart.vertices],
+        log_scale=0.5 * np.log(scale**2 * flat_mass / (3 * chart.mass)),
+        cut_length=chart.cut_length,
     )

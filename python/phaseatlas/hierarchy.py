@@ -6,11 +6,11 @@ import json
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import scipy.cluster.vq
@@ -34,21 +34,34 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Initial = Literal["random", "normals"]
+Initial = Literal["auto", "random", "normals"]
+INITIALS = get_args(Initial)
 
 # Continuation starts where epsilon is about this part of the square root of the segment's area:
 # the interface is then as wide as the segment, and few local minima are left.
 _COARSEST = 0.2
+# With distortion it starts narrower: a limb that is thinner than the interface has no inside, and
+# the border must find the way along it before it has shrunk to its shortest.
+_COARSEST_DISTORTED = 0.1
 _COARSE: dict[str, Any] = {"tolerance": 1e-5, "max_updates": 1}
+# Steps of each start of which the best is taken, and those in which noise parts into phases.
+_START_STEPS = 60
+_NOISE_STEPS = 15
+# The connectedness functional sees all that the sharp segments consist of, and its masses
+# saturate at epsilon^2, the area of the least island: an island at the tip of a limb spares so
+# much distortion that its own small mass would not hold it.
+_THRESHOLD = 0.05
+_PLATEAU = 0.3
 # Crumbs up to this part of the area of their node, or of this many faces, are relabelled: faces
 # at the tips of a jagged interface. Larger ones are turned over and the node is solved again,
-# each round with a heavier connectedness term, which now sees islands whose u stays below the
-# usual threshold.
+# each round with a heavier connectedness term.
 _CRUMB_SHARE = 1e-3
 _CRUMB_FACES = 4
 _REPAIR_ROUNDS = 4
+# Normals closer than this are the same; a split by normals is +-tanh of this many deviations.
+_SAME_NORMALS = 1e-9
+_SPLIT_SLOPE = 6.0
 _REPAIR_GROWTH = 10.0
-_REPAIR_THRESHOLD = 0.05
 
 _FORMAT = 1
 
@@ -363,7 +376,7 @@ def segment(
     penalty: float = 100.0,
     distortion: float = 0.0,
     law: Literal["sharp", "paper"] = "sharp",
-    initial: Initial | ArrayLike = "random",
+    initial: Initial | ArrayLike = "auto",
     seed: int = 0,
     solver: Literal["lbfgs"] = "lbfgs",
     max_iterations: int = 5000,
@@ -412,9 +425,11 @@ def segment(
         area; 0 leaves it out.
     law : {"sharp", "paper"}
         Of the distortion; see `functionals.Distortion`.
-    initial : {"random", "normals"} or array, default "random"
+    initial : {"auto", "random", "normals"} or array, default "auto"
         Random values in [-1, 1], two clusters of normals, or fields of shape (n,) for the root
-        or (2**levels - 1, n) for all nodes.
+        or (2**levels - 1, n) for all nodes. "auto" is "random" without distortion, and with it
+        the best of several starts after a few steps: random values, the segments of least
+        perimeter, and a split along each principal axis of the normals.
     seed : int, default 0
         Of the random values.
     solver : {"lbfgs"}
@@ -457,7 +472,7 @@ def segment(
         penalty=penalty,
         distortion=distortion,
         law=law,
-        initial=initial if isinstance(initial, str) else "random",
+        initial=initial if isinstance(initial, str) else "auto",
         seed=seed,
         solver=solver,
         max_iterations=max_iterations,
@@ -540,8 +555,8 @@ def _settings(
         raise ValueError(f"epsilon: {epsilon:g} times the square root of the area; must be below 1")
     if solver != "lbfgs":
         raise ValueError(f'solver: {solver!r} must be "lbfgs"')
-    if others["initial"] not in ("random", "normals"):
-        raise ValueError(f'initial: {others["initial"]!r} must be "random", "normals" or an array')
+    if others["initial"] not in INITIALS:
+        raise ValueError(f"initial: {others['initial']!r} must be an array or one of {INITIALS}")
     if others["law"] not in ("sharp", "paper"):
         raise ValueError(f'law: {others["law"]!r} must be "sharp" or "paper"')
     if others["area"] not in AREA_CONSTRAINTS:
@@ -607,10 +622,68 @@ def _split(node: _Node, progress: Callable[[Progress], None] | None = None) -> _
     # OpenBLAS shares sums over more than 10,000 terms among its threads: the sums then depend on
     # their number, and threads that spin beside those of the core cost far more than they give.
     with threadpool_limits(1, user_api="blas"):
-        return _split_alone(node, progress)
+        support = _support(node)
+        if support is None:
+            return _solve(node, progress)
+        part, vertices, faces = support
+        split = _solve(part, progress)
+        u = np.zeros(node.surface.n_vertices)
+        u[vertices] = split.u
+        positive = np.zeros(node.surface.n_faces, dtype=np.bool_)
+        positive[faces] = split.positive
+        return replace(split, u=u, positive=positive)
 
 
-def _split_alone(node: _Node, progress: Callable[[Progress], None] | None) -> _Split:
+def _support(node: _Node) -> tuple[_Node, Ints, Ints] | None:
+    """The node on the part of the surface that its indicator reaches, its vertices and faces.
+
+    With all faces within two rings of a vertex where w > 0, no term that u enters is lost: further
+    off u is 0. Only paths far outside the parent are, and s is 0 at the border of the part, where
+    the penalty of equation (12) has made it so. None where that part is the whole surface or in
+    pieces.
+    """
+    surface = node.surface
+    if node.weight is None:
+        return None
+    reached = node.weight > 0
+    reached[surface.faces[node.faces]] = True
+    for _ in range(2):
+        inside = reached[surface.faces].any(axis=1)
+        reached[surface.faces[inside]] = True
+    inside = _with_whole_fans(surface, inside)
+    parts = _core.label_components(surface._mesh, inside.astype(np.int64))[inside]
+    if inside.all() or parts.min() != parts.max():
+        return None
+    faces = np.flatnonzero(inside)
+    vertices, corners = np.unique(surface.faces[faces], return_inverse=True)
+    part = replace(
+        node,
+        surface=Surface(surface.vertices[vertices], corners.reshape(-1, 3)),
+        weight=node.weight[vertices],
+        faces=node.faces[faces],
+        initial=None if node.initial is None else node.initial[vertices],
+    )
+    return part, vertices, faces
+
+
+def _with_whole_fans(surface: Surface, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Add the faces around each vertex where the set of faces touches itself, until none is left.
+
+    The faces at a vertex less the edges between them are the fans that they form.
+    """
+    neighbours = surface.face_neighbours
+    while True:
+        between = (neighbours >= 0) & inside[:, None] & inside[neighbours]
+        fans = np.bincount(surface.faces[inside].reshape(-1), minlength=surface.n_vertices)
+        # Each edge between two faces is seen from both, at one of its ends each time.
+        fans -= np.bincount(surface.faces[between], minlength=surface.n_vertices)
+        pinched = fans > 1
+        if not pinched.any():
+            return inside
+        inside = inside | pinched[surface.faces].any(axis=1)
+
+
+def _solve(node: _Node, progress: Callable[[Progress], None] | None) -> _Split:
     solver = _NodeSolver(node, progress)
     solver.solve()
     positive, level_set = solver.sharp()
@@ -675,7 +748,7 @@ class _NodeSolver:
         self.area = Area(
             surface, node.settings.epsilon, delta=node.settings.delta, weight=node.weight
         )
-        self.u = _start(node) if node.initial is None else node.initial
+        self.u = np.zeros(surface.n_vertices) if node.initial is None else node.initial
         self.multiplier = 0.0
         self.penalty = node.settings.penalty
         self.energy = np.nan
@@ -688,12 +761,11 @@ class _NodeSolver:
     def solve(self) -> None:
         """Halve epsilon down to its value, each stage from the minimiser of the last."""
         stages = self._stages()
+        if self.node.initial is None:
+            self._start(stages)
         for k, epsilon in enumerate(stages):
-            # The widest interface is found by its perimeter alone: noise has hundreds of
-            # components, each a search, and is mixed everywhere, which has no finite distortion.
-            alone = k == 0 and len(stages) > 1
             last = k == len(stages) - 1
-            self._stage(epsilon, alone=alone, last=last)
+            self._stage(epsilon, last=last)
             if self.node.settings.connected and not last:
                 # A coarse stage is cheap to repair: what it leaves apart would have to grow a
                 # bridge, or melt, on the finer ones.
@@ -701,19 +773,64 @@ class _NodeSolver:
 
     def resolve(self, weight: float) -> None:
         """Solve again from the present field with a heavier connectedness term."""
-        self._stage(
-            self.node.settings.epsilon, weight=weight, threshold=_REPAIR_THRESHOLD, last=True
-        )
+        self._stage(self.node.settings.epsilon, weight=weight, last=True)
+
+    def _start(self, stages: list[float]) -> None:
+        """Set the field that the first stage starts from; drop the stages that are done."""
+        settings = self.node.settings
+        if settings.distortion == 0:
+            self.u = _noise(self.node) if settings.initial != "normals" else _clusters(self.node)
+            if len(stages) > 1:
+                # The widest interface is found by its perimeter alone: noise has hundreds of
+                # components.
+                self._stage(stages.pop(0), alone=True)
+            return
+        if settings.initial == "normals":
+            self.u = _clusters(self.node)
+            return
+        starts = [self._parted_noise]
+        if settings.initial == "auto":
+            starts += [self._shortest, *self._axes_of_normals()]
+        tried = []
+        for start in starts:
+            self.multiplier, self.penalty = 0.0, settings.penalty
+            self.u = start(stages[0])
+            self._stage(stages[0], max_iterations=_START_STEPS)
+            tried.append((self.energy, self.u, self.multiplier, self.penalty))
+        best = min(tried, key=lambda outcome: outcome[0])
+        _, self.u, self.multiplier, self.penalty = best
+
+    def _parted_noise(self, epsilon: float) -> Floats:
+        """Random values after the few steps in which they part into a labyrinth of phases."""
+        self.u = _noise(self.node)
+        self._stage(0.5 * epsilon, alone=True, max_iterations=_NOISE_STEPS)
+        return self.u
+
+    def _shortest(self, epsilon: float) -> Floats:
+        """The segments of least perimeter."""
+        self.u = _noise(self.node)
+        for stage in self._halved(epsilon, _COARSEST):
+            self._stage(stage, alone=True)
+        return self.u
+
+    def _axes_of_normals(self) -> list[Callable[[float], Floats]]:
+        """Splits in two halves along each principal axis of the normals, on which they differ."""
+        return [lambda _, u=u: u for u in _splits_of_normals(self.node, self.inside)]
 
     def _stages(self) -> list[float]:
         settings = self.node.settings
-        coarsest = settings.coarsest
-        if coarsest is None:
-            coarsest = settings.epsilon
-            if self.node.initial is None:
-                coarsest = max(coarsest, _COARSEST * float(np.sqrt(self.area.total)))
-        stages = [settings.epsilon]
-        while 2 * stages[0] <= coarsest:
+        if settings.coarsest is not None:
+            coarsest = settings.coarsest / float(np.sqrt(self.area.total))
+        elif self.node.initial is not None:
+            coarsest = 0.0
+        else:
+            coarsest = _COARSEST_DISTORTED if settings.distortion > 0 else _COARSEST
+        return self._halved(settings.epsilon, coarsest)
+
+    def _halved(self, epsilon: float, coarsest: float) -> list[float]:
+        """Halving widths down to `epsilon`, from at most `coarsest` relative to the segment."""
+        stages = [epsilon]
+        while 2 * stages[0] <= coarsest * np.sqrt(self.area.total):
             stages.insert(0, 2 * stages[0])
         return stages
 
@@ -721,16 +838,23 @@ class _NodeSolver:
         self,
         epsilon: float,
         *,
-        last: bool,
+        last: bool = False,
         alone: bool = False,
         weight: float = 1.0,
-        threshold: float | None = None,
+        max_iterations: int | None = None,
     ) -> None:
+        """Minimise at one interface width; the perimeter `alone`, or all functionals."""
         node, settings = self.node, self.node.settings
         terms: list[tuple[float, Any]] = [(1.0, self._perimeter(epsilon))]
         if settings.connected and not alone:
             connectedness = Connectedness(
-                node.surface, epsilon, weight=node.weight, threshold=threshold
+                node.surface,
+                epsilon,
+                weight=node.weight,
+                threshold=_THRESHOLD,
+                plateau=_PLATEAU,
+                saturation=epsilon**2,
+                form="tree",
             )
             terms.append((weight * epsilon**-settings.kappa, connectedness))
         if settings.distortion > 0 and not alone:
@@ -770,7 +894,7 @@ class _NodeSolver:
             area="lagrangian" if alone and settings.area == "none" else settings.area,
             multiplier=self.multiplier,
             penalty=self.penalty,
-            max_iterations=settings.max_iterations,
+            max_iterations=settings.max_iterations if max_iterations is None else max_iterations,
             callback=report,
             **({} if last else _COARSE),
         )
@@ -836,24 +960,41 @@ class _NodeSolver:
         return _crumbs(self.node, positive), positive
 
 
-def _start(node: _Node) -> Floats:
-    surface, settings = node.surface, node.settings
-    rng = np.random.default_rng([settings.seed, node.level, node.index])
-    if settings.initial == "random":
-        return rng.uniform(-1, 1, surface.n_vertices)
-    corners = surface.vertices[surface.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    at_vertices = np.zeros_like(surface.vertices)
-    for k in range(3):
-        np.add.at(at_vertices, surface.faces[:, k], normals)
-    at_vertices /= np.linalg.norm(at_vertices, axis=1, keepdims=True) + np.finfo(float).tiny
-    members = np.unique(surface.faces[node.faces])
-    if np.ptp(at_vertices[members], axis=0).max() < 1e-9:
+def _rng(node: _Node) -> np.random.Generator:
+    return np.random.default_rng([node.settings.seed, node.level, node.index])
+
+
+def _noise(node: _Node) -> Floats:
+    return _rng(node).uniform(-1, 1, node.surface.n_vertices)
+
+
+def _clusters(node: _Node) -> Floats:
+    """Two clusters of normals."""
+    normals = node.surface.vertex_normals
+    members = np.unique(node.surface.faces[node.faces])
+    if np.ptp(normals[members], axis=0).max() < _SAME_NORMALS:
         raise ValueError('initial: "normals" needs normals that differ; this surface is flat')
-    _, cluster = scipy.cluster.vq.kmeans2(at_vertices[members], 2, minit="++", rng=rng)
-    u = np.zeros(surface.n_vertices)
+    _, cluster = scipy.cluster.vq.kmeans2(normals[members], 2, minit="++", rng=_rng(node))
+    u = np.zeros(node.surface.n_vertices)
     u[members] = np.where(cluster == 0, 1.0, -1.0)
     return u
+
+
+def _splits_of_normals(node: _Node, inside: Floats) -> list[Floats]:
+    """Fields that halve the area along each principal axis of the normals, widest first."""
+    normals = node.surface.vertex_normals
+    measure = inside * node.surface.mass
+    _, axes = np.linalg.eigh((normals * measure[:, None]).T @ normals)
+    splits = []
+    for axis in axes.T[::-1]:
+        along = normals @ axis
+        order = np.argsort(along, kind="stable")
+        below = np.cumsum(measure[order])
+        along -= along[order[np.searchsorted(below, 0.5 * below[-1])]]
+        width = float(np.sqrt(measure @ along**2 / below[-1]))
+        if width > _SAME_NORMALS:
+            splits.append(np.tanh(_SPLIT_SLOPE * along / width))
+    return splits
 
 
 def _parts(node: _Node, positive: NDArray[np.bool_]) -> tuple[Ints, Ints]:
@@ -901,4 +1042,4 @@ def _unconverged(diagnostics: Diagnostics) -> str:
 
 
 def _in_units(diagnostics: Diagnostics, length: float) -> Diagnostics:
-    return Diagnostics(**{**asdict(diagnostics), "length": diagnostics.length * length})
+    return replace(diagnostics, length=diagnostics.length * length)

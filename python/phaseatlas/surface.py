@@ -106,6 +106,24 @@ class Surface:
         return _read_only(self._mesh.mass())
 
     @cached_property
+    def vertex_normals(self) -> NDArray[np.float64]:
+        """Unit normals at the vertices, the mean of their faces by area, (n, 3)."""
+        corners = self.vertices[self.faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        sums = np.stack(
+            [
+                np.bincount(
+                    self.faces.reshape(-1), np.repeat(normals[:, k], 3), minlength=self.n_vertices
+                )
+                for k in range(3)
+            ],
+            axis=1,
+        )
+        # A spike may have no mean normal.
+        sums /= np.linalg.norm(sums, axis=1, keepdims=True) + np.finfo(float).tiny
+        return _read_only(sums)
+
+    @cached_property
     def angle_defects(self) -> NDArray[np.float64]:
         """Integrated Gauss curvature, (n,): 2 pi - sum of angles, at the border pi - sum."""
         return _read_only(self._mesh.angle_defects())
