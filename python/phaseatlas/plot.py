@@ -393,11 +393,8 @@ def _frame(towards: Floats) -> Floats:
 def _corner_normals(surface: Surface) -> Floats:
     """Normals at the corners, smooth except across sharp edges."""
     points = surface.vertices[surface.faces]
-    area_normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-    summed = np.zeros_like(surface.vertices)
-    np.add.at(summed, surface.faces.ravel(), np.repeat(area_normals, 3, axis=0))
-    flat = _unit(area_normals)[:, None]
-    smooth = _unit(summed)[surface.faces]
+    flat = _unit(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]))[:, None]
+    smooth = surface.vertex_normals[surface.faces]
     sharp = (flat * smooth).sum(axis=2) < _SMOOTH_COSINE
     return np.where(sharp[..., None], flat, smooth)
 
