@@ -1,3 +1,4 @@
+import os
 import re
 import subprocess
 import sys
@@ -53,7 +54,7 @@ def bad_meshes():
 
 
 @pytest.mark.parametrize("kind", sorted(bad_meshes()))
-@pytest.mark.parametrize("command", ["segment", "atlas", "info"])
+@pytest.mark.parametrize("command", ["segment", "atlas", "remesh", "info"])
 def test_bad_meshes_give_one_line_and_no_file(tmp_path, kind, command):
     vertices, faces, culprit = bad_meshes()[kind]
     mesh = tmp_path / "bad.obj"
@@ -70,7 +71,8 @@ def test_bad_files_give_one_line_and_no_file(tmp_path, suffix, content):
 
 
 def check_refused(folder, mesh, command, culprit):
-    output = {"segment": ["-o", folder / "out.npz"], "atlas": ["-o", folder / "out.glb"]}
+    suffixes = {"segment": "npz", "atlas": "glb", "remesh": "ply"}
+    output = {name: ["-o", folder / f"out.{suffix}"] for name, suffix in suffixes.items()}
     result = run(command, mesh, *output.get(command, []))
     assert result.returncode == 1
     assert "panic" not in result.stderr
@@ -126,7 +128,17 @@ def test_demo(tmp_path):
         assert word in result.stdout
 
 
-@pytest.mark.parametrize("command", ["segment", "atlas", "info", "demo"])
+def test_missing_extra_is_one_line(model):
+    (model.parent / "mmgpy.py").write_text("raise ImportError\n")
+    environment = {**os.environ, "PYTHONPATH": str(model.parent)}
+    result = run("remesh", model, "-o", model.parent / "a.obj", env=environment)
+    assert result.returncode == 1
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "pip install 'phaseatlas[remesh]'" in result.stderr
+    assert not (model.parent / "a.obj").exists()
+
+
+@pytest.mark.parametrize("command", ["segment", "atlas", "remesh", "info", "demo"])
 def test_help(command):
     result = run(command, "--help", env={"COLUMNS": "200", "PATH": ""})
     assert result.returncode == 0

@@ -10,7 +10,8 @@ from .hierarchy import (
     SegmentTree,
     segment,
 )
-from .io import load, save_ply
+from .io import load, save_mesh, save_ply
+from .remesh import remesh
 from .surface import Surface
 
 __all__ = [
@@ -26,6 +27,8 @@ __all__ = [
     "datasets",
     "functionals",
     "load",
+    "remesh",
+    "save_mesh",
     "save_ply",
     "segment",
 ]

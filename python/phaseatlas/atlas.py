@@ -16,7 +16,7 @@ from PIL import Image
 
 from . import _core
 from .hierarchy import SegmentTree
-from .io import write_bytes
+from .io import decimals, write_bytes
 from .metrics import atlas_metrics
 from .packing import check_packing, face_areas, pack
 from .surface import Surface
@@ -170,7 +170,7 @@ class Atlas:
             write_texture=False,
             mtl_name=f"{path.stem}.mtl",
             header=None,
-            digits=_digits(self.surface),
+            digits=decimals(self.surface),
         )
         for name, data in sidecars.items():
             write_bytes(path.parent / name, data)
@@ -256,12 +256,6 @@ def build_atlas(
         charts=charts,
         uv=pack(charts, tree.surface.n_faces, padding=padding, resolution=resolution),
     )
-
-
-def _digits(surface: Surface) -> int:
-    """Decimals that keep nine digits of the coordinates of a surface of any size."""
-    extent = float(np.ptp(surface.vertices, axis=0).max())
-    return max(8, 9 - int(np.floor(np.log10(extent))))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The command line: segment, atlas, info, demo."""
+"""The command line: segment, atlas, remesh, info, demo."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from rich.console import Console
 from . import datasets, plot
 from .atlas import Atlas, build_atlas
 from .hierarchy import Progress, SegmentTree, segment
-from .io import load, save_ply
+from .io import MESH_SUFFIXES, load, save_mesh, save_ply
+from .remesh import remesh
 from .surface import Surface
 from .texture import load_image
 
@@ -133,25 +134,35 @@ def atlas_command(
     _print_metrics(atlas)
 
 
+@app.command("remesh")
+def remesh_command(
+    mesh: Mesh,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="OUT.obj, .ply, .glb, .off or .stl.")
+    ],
+    edge_length: Annotated[
+        float | None,
+        typer.Option(
+            help="Target edge length in the units of the mesh.",
+            show_default="the mean, or less for 10,000 vertices",
+        ),
+    ] = None,
+    feature_angle: Annotated[
+        float,
+        typer.Option(help="Keep creases sharper than this, in degrees; 180 keeps none."),
+    ] = 45.0,
+) -> None:
+    """Remesh a mesh with even triangles; coarse or uneven ones segment better for it."""
+    _check_output(output, [mesh], *MESH_SUFFIXES)
+    surface = remesh(load(mesh), edge_length, feature_angle)
+    save_mesh(surface, output)
+    _print_surface(surface)
+
+
 @app.command()
 def info(mesh: Mesh) -> None:
     """Print what a mesh is: size, topology, area, edge lengths, quality."""
-    surface = load(mesh)
-    table = rich.table.Table(show_header=False, box=None)
-    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    for name, value in {
-        "vertices": f"{surface.n_vertices}",
-        "faces": f"{surface.n_faces}",
-        "genus": f"{surface.genus}",
-        "boundary loops": f"{surface.n_boundary_loops}",
-        "area": f"{surface.area:.6g}",
-        "extent": " x ".join(f"{side:.6g}" for side in high - low),
-        "mean edge length": f"{surface.mean_edge_length:.6g}",
-        "worst face quality": f"{surface.face_quality.min():.3g} (1 = equilateral)",
-        "default epsilon": f"{2 * surface.mean_edge_length:.6g}",
-    }.items():
-        table.add_row(name, value)
-    Console().print(table)
+    _print_surface(load(mesh))
 
 
 @app.command()
@@ -191,7 +202,7 @@ def main() -> None:
     warnings.simplefilter("ignore", RuntimeWarning)
     try:
         app()
-    except (ValueError, OSError, RuntimeError, MemoryError) as error:
+    except (ValueError, OSError, RuntimeError, ImportError, MemoryError) as error:
         message = " ".join(str(error).split()) or type(error).__name__
         print(f"phaseatlas: {message}", file=sys.stderr)
         sys.exit(1)
@@ -263,6 +274,24 @@ def _progress(levels: int) -> Iterator[Callable[[Progress], None]]:
             )
 
         yield report
+
+
+def _print_surface(surface: Surface) -> None:
+    table = rich.table.Table(show_header=False, box=None)
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    for name, value in {
+        "vertices": f"{surface.n_vertices}",
+        "faces": f"{surface.n_faces}",
+        "genus": f"{surface.genus}",
+        "boundary loops": f"{surface.n_boundary_loops}",
+        "area": f"{surface.area:.6g}",
+        "extent": " x ".join(f"{side:.6g}" for side in high - low),
+        "mean edge length": f"{surface.mean_edge_length:.6g}",
+        "worst face quality": f"{surface.face_quality.min():.3g} (1 = equilateral)",
+        "default epsilon": f"{2 * surface.mean_edge_length:.6g}",
+    }.items():
+        table.add_row(name, value)
+    Console().print(table)
 
 
 def _print_tree(tree: SegmentTree) -> None:

@@ -19,7 +19,9 @@ from .surface import Surface
 if TYPE_CHECKING:
     from .hierarchy import SegmentTree
 
-__all__ = ["load", "save_ply"]
+__all__ = ["load", "save_mesh", "save_ply"]
+
+MESH_SUFFIXES = (".obj", ".ply", ".glb", ".off", ".stl")
 
 
 def load(path: str | PathLike[str]) -> Surface:
@@ -97,6 +99,40 @@ def save_ply(tree: SegmentTree, path: str | PathLike[str]) -> None:
         mesh.vertex_attributes[f"weight_{leaf}"] = weight
     mesh.face_attributes["label"] = tree.labels.astype(np.int32)
     write_bytes(path, mesh.export(file_type="ply"))
+
+
+def save_mesh(surface: Surface, path: str | PathLike[str]) -> None:
+    """Write the vertices and faces of a surface.
+
+    Parameters
+    ----------
+    surface : Surface
+        What to write.
+    path : str or PathLike
+        OBJ, PLY, GLB, OFF or STL, by its suffix; written whole or not at all. OBJ and OFF hold
+        nine digits of the coordinates, the others single precision.
+
+    Raises
+    ------
+    ValueError
+        For another suffix.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        raise ValueError(f"path: {path} must end in {' or '.join(MESH_SUFFIXES)}")
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    data: Any
+    if suffix in (".obj", ".off"):
+        data = mesh.export(file_type=suffix[1:], digits=decimals(surface))
+    else:
+        data = mesh.export(file_type=suffix[1:])
+    write_bytes(path, data.encode() if isinstance(data, str) else data)
+
+
+def decimals(surface: Surface) -> int:
+    """Decimals that keep nine digits of the coordinates of a surface of any size."""
+    extent = float(np.ptp(surface.vertices, axis=0).max())
+    return max(8, 9 - int(np.floor(np.log10(extent))))
 
 
 def write_bytes(path: str | PathLike[str], data: Any) -> None:
