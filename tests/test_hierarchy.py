@@ -18,6 +18,7 @@ import pytest
 import trimesh
 
 import phaseatlas as pa
+from phaseatlas import hierarchy
 
 
 def same(first, second):
@@ -297,6 +298,78 @@ def test_clusters_of_normals_are_a_start():
     noise = pa.segment(roof, 1, initial="random", **options)
     assert 2 * tree.diagnostics[0].iterations < noise.diagnostics[0].iterations
     assert same(tree, pa.segment(roof, 1, initial="normals", **options))
+
+
+@pytest.fixture(scope="module")
+def wand():
+    """A ball with one long thin limb: the icosphere drawn out along z > 0."""
+    ball = pa.datasets.icosphere(4)
+    x, y, z = ball.vertices.T
+    thin = 1.0 / (1.0 + 2.5 * np.clip(z, 0.0, None) ** 2)
+    return pa.Surface(
+        np.stack([x * thin, y * thin, z + 2.5 * np.clip(z, 0.0, None) ** 2], 1), ball.faces
+    )
+
+
+def yamabe(tree):
+    """Distortion of the fields of the first level on the surface scaled to unit area."""
+    unit = tree.surface.scaled(tree.surface.area**-0.5)
+    functional = pa.functionals.Distortion(unit, tree.epsilon / tree.surface.area**0.5)
+    return functional.value_and_gradient(tree.fields[0])[0]
+
+
+def test_distortion_cuts_along_a_limb(wand):
+    shortest = pa.segment(wand, 1)
+    along = pa.segment(wand, 1, distortion=3.0)
+    assert along.components.tolist() == [1, 1]
+    assert along.diagnostics[0].length > 1.2 * shortest.diagnostics[0].length
+    assert yamabe(along) < 0.1 * yamabe(shortest)
+    # From the shortest interface the descent stays at the foot of the limb.
+    stuck = pa.segment(wand, 1, distortion=3.0, initial=shortest.fields)
+    assert along.diagnostics[0].energy < stuck.diagnostics[0].energy
+
+
+@pytest.mark.parametrize("distortion", [0.0, 3.0])
+def test_a_node_is_solved_on_its_part_of_the_surface(star, monkeypatch, distortion):
+    parent = pa.segment(star, 1)
+    start = np.stack([parent.fields[0], *pa.segment(star, 2).fields[1:]])
+    on_parts = pa.segment(star, 2, initial=start, distortion=distortion)
+    monkeypatch.setattr(hierarchy, "_support", lambda node: None)
+    on_the_whole = pa.segment(star, 2, initial=start, distortion=distortion)
+    for part, whole in zip(on_parts.diagnostics, on_the_whole.diagnostics, strict=True):
+        assert part.energy == pytest.approx(whole.energy, rel=1e-4)
+    assert (on_parts.labels != on_the_whole.labels).mean() < 1e-3
+
+
+def test_a_part_that_touches_itself_gets_whole_fans():
+    sheet = pa.datasets.sheet(8, 8)
+    # Two opposite fans of a vertex in the middle, without the faces between.
+    vertex = 40
+    around = (sheet.faces == vertex).any(axis=1)
+    first = np.flatnonzero(around)[0]
+    apart = ~np.isin(np.arange(sheet.n_faces), sheet.face_neighbours[first]) & around
+    across = np.flatnonzero(apart & (np.arange(sheet.n_faces) != first))[-1]
+    inside = np.zeros(sheet.n_faces, dtype=bool)
+    inside[[first, across]] = True
+    whole = hierarchy._with_whole_fans(sheet, inside)
+    assert whole[around].all()
+    _, corners = np.unique(sheet.faces[whole], return_inverse=True)
+    pa.Surface(sheet.vertices[np.unique(sheet.faces[whole])], corners.reshape(-1, 3))
+
+
+def test_a_node_in_pieces_starts_again_from_the_shortest_interface(star, monkeypatch):
+    attempt, asked = hierarchy._attempt, []
+
+    def failing_once(node, progress):
+        asked.append((node.settings.distortion, node.initial is not None))
+        if len(asked) == 1:
+            raise pa.DisconnectedError("in pieces")
+        return attempt(node, progress)
+
+    monkeypatch.setattr(hierarchy, "_attempt", failing_once)
+    tree = pa.segment(star, 1, distortion=1.0)
+    assert asked == [(1.0, False), (0.0, False), (1.0, True)]
+    assert tree.components.tolist() == [1, 1]
 
 
 def test_progress_tells_level_node_and_steps(star, tree):

@@ -104,6 +104,22 @@ def test_angle_defects_of_a_flat_sheet_sit_in_the_corners():
     assert np.abs(np.asarray(surface.angle_defects) - expected.ravel()).max() < 1e-13
 
 
+def test_vertex_normals(surfaces):
+    normals = surfaces.vertex_normals
+    assert normals.shape == (surfaces.n_vertices, 3)
+    vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
+    sums = np.zeros_like(vertices)
+    for a, b, c in faces:
+        sums[[a, b, c]] += np.cross(vertices[b] - vertices[a], vertices[c] - vertices[a])
+    expected = sums / np.linalg.norm(sums, axis=1)[:, None]
+    assert np.abs(normals - expected).max() < 1e-12
+
+
+def test_normals_of_a_sphere_point_outwards():
+    surface = datasets.icosphere(4)
+    assert np.abs(surface.vertex_normals - surface.vertices).max() < 0.01
+
+
 def test_stiffness(surfaces):
     actual = surfaces.stiffness
     assert sp.issparse(actual)
