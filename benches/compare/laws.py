@@ -1,6 +1,6 @@
 """Which law of the distortion cuts better segments: sharp Yamabe energy at equal seam length.
 
-    python benches/compare/laws.py MESH ... [--weights 0.3 1 3 10] [--levels 1]
+    python benches/compare/laws.py MESH ... [--weights 0.1 0.3 1 3 10] [--levels 1] [--connected]
 
 Each mesh is segmented with both laws and several weights omega. The energy that counts is that
 of the sharp segments, u = 0 on their borders, which belongs to neither law. The weights of the two
@@ -63,8 +63,9 @@ def ratio(curves: dict[str, list[tuple[float, float]]]) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Compare the laws of the distortion.")
     parser.add_argument("meshes", nargs="+", type=Path)
-    parser.add_argument("--weights", nargs="+", type=float, default=[0.3, 1.0, 3.0, 10.0])
+    parser.add_argument("--weights", nargs="+", type=float, default=[0.1, 0.3, 1.0, 3.0, 10.0])
     parser.add_argument("--levels", type=int, default=1)
+    parser.add_argument("--connected", action="store_true")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", RuntimeWarning)
     console = Console(width=100)
@@ -87,7 +88,13 @@ def main() -> None:
             for weight in arguments.weights:
                 start = time.perf_counter()
                 try:
-                    tree = pa.segment(surface, arguments.levels, distortion=weight, law=law)
+                    tree = pa.segment(
+                        surface,
+                        arguments.levels,
+                        distortion=weight,
+                        law=law,
+                        connected=arguments.connected,
+                    )
                 except (pa.DisconnectedError, pa.CollapsedError) as error:
                     table.add_row(law, f"{weight:g}", type(error).__name__)
                     continue
