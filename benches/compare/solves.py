@@ -1,0 +1,67 @@
+"""Whole solves, each in a process of its own: `python benches/compare/solves.py`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import track
+
+import measure
+import report
+
+# Options of phaseatlas.segment, and the seconds and MB of the authors' program.
+_CASES: dict[str, tuple[dict[str, Any], float | None, float | None]] = {
+    "perimeter + area": ({"connected": False}, 8.2, None),
+    "perimeter + area + connectedness": ({"connected": True}, 66.0, 525.0),
+    "perimeter + area + 10 x distortion": ({"connected": False, "distortion": 10.0}, 195.0, None),
+    "all": ({"connected": True, "distortion": 10.0}, None, None),
+}
+_PARTS = ("SciPy", "sum", "Perimeter", "Area", "Connectedness", "Distortion", "set-up", "rest")
+
+
+def main(
+    sizes: Annotated[
+        str, typer.Option(help="Subdivisions of the icosahedron; 8 has 655,362 vertices.")
+    ] = "5,6,7",
+    cases: Annotated[str, typer.Option(help="Numbers of cases: " + ", ".join(_CASES))] = "1,2,3",
+) -> None:
+    """Segment icospheres in two from random values, print where the time goes, write it."""
+    about = measure.about()
+    chosen = [list(_CASES)[int(number) - 1] for number in cases.split(",")]
+    runs = [(int(size), name) for size in sizes.split(",") for name in chosen]
+    rows = [_row(subdivisions, name) for subdivisions, name in track(runs, "solves")]
+    report.publish("solves", about, rows)
+
+
+def _row(subdivisions: int, name: str) -> dict[str, Any]:
+    options, seconds, memory = _CASES[name]
+    child = Path(__file__).with_name("one_solve.py")
+    command = [sys.executable, str(child), str(subdivisions), json.dumps(options)]
+    figures = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    parts = figures["parts"]
+    authors = subdivisions == 6
+    return {
+        "table": f"icosphere, {10 * 4**subdivisions + 2:,} vertices, two segments from random u",
+        "solve": name + (f": {figures['error']}" if figures["error"] else ""),
+        "seconds": figures["seconds"],
+        "authors' seconds": seconds if authors else None,
+        "iterations": figures.get("iterations"),
+        "evaluations": figures.get("evaluations"),
+        "energy": f"{figures['energy']:.6g}" if "energy" in figures else None,
+        "violation": figures.get("violation"),
+        "converged": figures.get("converged"),
+        "peak MB": figures["peak memory"],
+        "MB before": figures["memory before"],
+        "authors' MB": memory if authors else None,
+        **{part: parts.get(part) for part in _PARTS},
+    }
+
+
+if __name__ == "__main__":
+    measure.with_default_blas()
+    typer.run(main)
