@@ -1,6 +1,7 @@
 """One segmentation in a process of its own, and where its time went, as JSON.
 
-`python one_solve.py SUBDIVISIONS OPTIONS` with the options of `phaseatlas.segment` as JSON.
+`python one_solve.py SUBDIVISIONS OPTIONS` with the options of `phaseatlas.segment` as JSON; the
+option "plain" turns the continuation in epsilon off.
 """
 
 from __future__ import annotations
@@ -66,10 +67,12 @@ def main(subdivisions: int, options: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Seconds of the whole and of its parts, iterations, evaluations, energy, violation and peak
-        memory in MB; "error" where there is no segmentation.
+        Seconds of the whole, of wall and of CPU, and of its parts, iterations, evaluations,
+        energy, violation and peak memory in MB; "error" where there is no segmentation.
     """
     surface = icosphere(subdivisions)
+    if options.pop("plain", False):
+        options["epsilon"] = options["epsilon_start"] = 2 * surface.mean_edge_length
     before = _peak_memory()
     clock = _Clock()
     numbers = itertools.count()
@@ -86,7 +89,7 @@ def main(subdivisions: int, options: dict[str, Any]) -> dict[str, Any]:
 
     scipy.optimize.minimize = clock.timed("SciPy", timed_minimize)
 
-    start = time.perf_counter()
+    start, cpu_start = time.perf_counter(), time.process_time()
     figures: dict[str, Any] = {"error": None}
     try:
         (diagnostics,) = clock.timed("rest", pa.segment)(surface, 1, **options).diagnostics
@@ -101,6 +104,7 @@ def main(subdivisions: int, options: dict[str, Any]) -> dict[str, Any]:
             "converged": diagnostics.converged,
         }
     figures["seconds"] = time.perf_counter() - start
+    figures["CPU seconds"] = time.process_time() - cpu_start
     clock.move_first_evaluations()
     return figures | {
         "parts": dict(clock.seconds),

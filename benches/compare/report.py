@@ -23,14 +23,17 @@ _INTRODUCTION = f"""# Results
 Made by `benches/compare/run.py` and `benches/compare/solves.py`; `README.md` beside this file
 says how. Not to be edited.
 
-Within a table all columns but *{_AUTHORS}* are of one run on one machine, the contenders called
-in turn. Times are milliseconds, minimum and median over the rounds; the ratio is the minimum over
-that of phaseatlas: above 1, phaseatlas is faster. Before they are timed, peers are checked to
-return what phaseatlas returns, to a relative 1e-8. *(part)* marks a bound: it does a part of the
-work only.
+Within a table all columns but *{_AUTHORS}* are of one run on one machine, the contenders called in
+turn. Times of pieces of work are milliseconds, minimum and median over the rounds; the ratio is the
+minimum over that of phaseatlas: above 1, phaseatlas is faster. Before they are timed, peers are
+checked to return what phaseatlas returns, to a relative 1e-8. *(part)* marks a bound: it does a
+part of the work only.
 
-*{_AUTHORS}* are figures of the design notes: the authors' C++ (OpenMP, CHOLMOD) on another
-machine with two cores, icosphere of 40,962 vertices, not in the same run.
+*{_AUTHORS}* are figures of the design notes: the authors' C++ (OpenMP, CHOLMOD) on another machine
+with two cores, icosphere of 40,962 vertices, not in the same run. Their solve with distortion is
+one of 300 steps.
+
+Times of whole solves are seconds of wall but where it says CPU; `README.md` explains the columns.
 """
 
 
