@@ -8,14 +8,14 @@ use std::time::Duration;
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
 use meshes::{Case, Random, cases, distance, unit};
 use phaseatlas_core::functionals::{
-    Area, Connectedness, Distortion, Functional, Law, Perimeter, Phases,
+    Area, Connectedness, Distortion, Form, Functional, Law, Perimeter, Phases,
 };
 use phaseatlas_core::potentials::ConnectednessLaws;
 
 type WithForm = fn(Connectedness) -> Connectedness;
 
 /// Ways to evaluate the connectedness.
-const FORMS: [(&str, WithForm); 1] = [("pairs", |c| c)];
+const FORMS: [(&str, WithForm); 2] = [("pairs", |c| c), ("tree", |c| c.with_form(Form::Tree))];
 
 /// tanh across an interface at signed distance `x`.
 fn profile(x: f64, epsilon: f64) -> f64 {

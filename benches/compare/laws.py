@@ -14,6 +14,7 @@ import argparse
 import time
 import warnings
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from rich.table import Table
 import phaseatlas as pa
 from phaseatlas.metrics import uv_topology, yamabe_factors
 
-LAWS = ("sharp", "paper")
+LAWS: tuple[Literal["sharp"], Literal["paper"]] = ("sharp", "paper")
 
 
 def yamabe_energy(surface: pa.Surface, labels: NDArray[np.int64]) -> float:

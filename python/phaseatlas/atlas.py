@@ -237,7 +237,7 @@ def build_atlas(
     n_leaves = 2**tree.levels
     check_packing(padding, resolution)
     if threshold is None:
-        thresholds = (min(0.02, 0.5 / n_leaves), *_NARROWER)
+        thresholds: tuple[float, ...] = (min(0.02, 0.5 / n_leaves), *_NARROWER)
     elif 0 <= threshold < 1 / n_leaves:
         thresholds = (threshold,)
     else:

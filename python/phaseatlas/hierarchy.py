@@ -651,9 +651,9 @@ def _support(node: _Node) -> tuple[_Node, Ints, Ints] | None:
     reached = node.weight > 0
     reached[surface.faces[node.faces]] = True
     for _ in range(2):
-        inside = reached[surface.faces].any(axis=1)
-        reached[surface.faces[inside]] = True
-    inside = _with_whole_fans(surface, inside)
+        reached[surface.faces[reached[surface.faces].any(axis=1)]] = True
+    covered: NDArray[np.bool_] = reached[surface.faces].all(axis=1)
+    inside = _with_whole_fans(surface, covered)
     parts = _core.label_components(surface._mesh, inside.astype(np.int64))[inside]
     if inside.all() or parts.min() != parts.max():
         return None
@@ -803,10 +803,9 @@ class _NodeSolver:
         if settings.initial == "normals":
             self.u = _clusters(self.node)
             return
-        starts = [self._parted_noise]
+        fields = [self._parted_noise(stages[0])]
         if settings.initial == "auto":
-            starts += [self._shortest, *self._axes_of_normals()]
-        fields = [start(stages[0]) for start in starts]
+            fields += [self._shortest(stages[0]), *_splits_of_normals(self.node, self.inside)]
         rivals = [(0.0, u, 0.0, settings.penalty) for u in fields]
         steps = _START_STEPS
         while len(rivals) > 1:
@@ -831,10 +830,6 @@ class _NodeSolver:
         for stage in self._halved(epsilon, _COARSEST):
             self._stage(stage, alone=True)
         return self.u
-
-    def _axes_of_normals(self) -> list[Callable[[float], Floats]]:
-        """Splits in two halves along each principal axis of the normals, on which they differ."""
-        return [lambda _, u=u: u for u in _splits_of_normals(self.node, self.inside)]
 
     def _stages(self) -> list[float]:
         settings = self.node.settings

@@ -110,15 +110,13 @@ class Surface:
         """Unit normals at the vertices, the mean of their faces by area, (n, 3)."""
         corners = self.vertices[self.faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        sums = np.stack(
+        sums: NDArray[np.float64] = np.stack(
             [
-                np.bincount(
-                    self.faces.reshape(-1), np.repeat(normals[:, k], 3), minlength=self.n_vertices
-                )
-                for k in range(3)
+                np.bincount(self.faces.reshape(-1), weights, minlength=self.n_vertices)
+                for weights in np.repeat(normals, 3, axis=0).T
             ],
             axis=1,
-        )
+        ).astype(np.float64)
         # A spike may have no mean normal.
         sums /= np.linalg.norm(sums, axis=1, keepdims=True) + np.finfo(float).tiny
         return _read_only(sums)
