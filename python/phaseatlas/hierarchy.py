@@ -652,7 +652,7 @@ def _support(node: _Node) -> tuple[_Node, Ints, Ints] | None:
     reached[surface.faces[node.faces]] = True
     for _ in range(2):
         reached[surface.faces[reached[surface.faces].any(axis=1)]] = True
-    covered: NDArray[np.bool_] = reached[surface.faces].all(axis=1)
+    covered = np.all(reached[surface.faces], axis=1)
     inside = _with_whole_fans(surface, covered)
     parts = _core.label_components(surface._mesh, inside.astype(np.int64))[inside]
     if inside.all() or parts.min() != parts.max():
