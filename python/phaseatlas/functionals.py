@@ -247,7 +247,7 @@ class Distortion:
     ValueError
         For `epsilon` not positive, `delta` outside [0, 1), `eta` negative, an unknown `law`,
         `weight` of another shape or outside [0, 1]. Evaluation raises it where the matrix is
-        not numerically positive definite, and names the pivot.
+        not numerically positive definite, and names the vertex.
 
     Notes
     -----

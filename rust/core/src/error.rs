@@ -76,11 +76,11 @@ pub enum Error {
         value: f64,
         expected: &'static str,
     },
-    #[error("{argument}: matrix of {size} rows is not positive definite (pivot {pivot})")]
+    #[error("{argument}: matrix of {size} rows is not positive definite at vertex {vertex}")]
     NotPositiveDefinite {
         argument: &'static str,
         size: usize,
-        pivot: usize,
+        vertex: usize,
     },
     #[error("{argument}: {reason}")]
     Topology {

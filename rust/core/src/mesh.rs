@@ -7,6 +7,7 @@ use petgraph::graph::UnGraph;
 use petgraph::unionfind::UnionFind;
 
 use crate::error::{Error, Result};
+use crate::linear::Ordering;
 use crate::operators::{LowerTriangle, StiffnessPattern};
 
 /// No neighbour, no half-edge: the other side of a border edge.
@@ -166,7 +167,8 @@ impl TriangleMesh {
         match self.lower_triangle.get() {
             Some(lower_triangle) => Ok(lower_triangle),
             None => {
-                let lower_triangle = LowerTriangle::new(&self.pattern, &self.on_border)?;
+                let lower_triangle =
+                    LowerTriangle::new(&self.pattern, &self.on_border, Ordering::LeastWork)?;
                 Ok(self.lower_triangle.get_or_init(|| lower_triangle))
             }
         }

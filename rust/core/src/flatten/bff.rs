@@ -2,9 +2,9 @@
 
 use super::{border_vertices, check_disk};
 use crate::error::{Error, Result};
-use crate::linear::Cholesky;
+use crate::linear::{Cholesky, Ordering};
 use crate::mesh::{TriangleMesh, distance};
-use crate::operators::Stiffness;
+use crate::operators::{LowerTriangle, Stiffness};
 
 /// A flattening and its log scale factor, one value a vertex.
 #[derive(Debug)]
@@ -26,7 +26,7 @@ pub struct Bff {
 pub fn bff(mesh: &TriangleMesh) -> Result<Bff> {
     check_disk(mesh)?;
     let n = mesh.n_vertices();
-    let lower = mesh.lower_triangle()?;
+    let lower = LowerTriangle::new(mesh.pattern(), mesh.on_border(), Ordering::MinimumDegree)?;
     let stiffness = Stiffness::new(mesh);
     let mut values = vec![0.0; lower.len()];
     lower.fill(

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::{border_vertices, check_disk};
 use crate::error::{Error, Result};
-use crate::linear::{Analysis, Cholesky, Factorisation};
+use crate::linear::{Analysis, Cholesky, Factorisation, Ordering};
 use crate::mesh::{NONE, TriangleMesh, distance};
 use crate::operators::Stiffness;
 
@@ -124,14 +124,30 @@ impl ConformalEnergy {
         let (mut rows, mut values) = (Vec::new(), Vec::new());
         for column in columns {
             for (row, value) in column {
-                rows.push(row);
+                rows.push(row as u32);
                 values.push(value);
             }
             starts.push(rows.len());
         }
-        let analysis = Analysis::new(starts, rows, Factorisation::Automatic)?;
+        let analysis = Analysis::new(
+            &starts,
+            &rows,
+            Ordering::MinimumDegree,
+            Factorisation::Automatic,
+        )?;
         let mut cholesky = Cholesky::new(Arc::new(analysis))?;
-        cholesky.factor(&values)?;
+        cholesky.factor(&values).map_err(|error| match error {
+            Error::NotPositiveDefinite {
+                argument,
+                size,
+                vertex,
+            } => Error::NotPositiveDefinite {
+                argument,
+                size,
+                vertex: vertex % n,
+            },
+            other => other,
+        })?;
         Ok(Self { cholesky })
     }
 }

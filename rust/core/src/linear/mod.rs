@@ -1,5 +1,7 @@
 //! Sparse linear solvers.
 
 pub mod cholesky;
+mod ordering;
+mod supernodal;
 
-pub use cholesky::{Analysis, Cholesky, Factorisation};
+pub use cholesky::{Analysis, Cholesky, Factorisation, Ordering};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::StiffnessPattern;
 use crate::error::Result;
-use crate::linear::{Analysis, Factorisation};
+use crate::linear::{Analysis, Factorisation, Ordering};
 use crate::mesh::NONE;
 
 /// The pattern of all such matrices of a mesh, analysed once. Unknowns on the border of the mesh
@@ -21,17 +21,21 @@ pub struct LowerTriangle {
 }
 
 impl LowerTriangle {
-    pub(crate) fn new(pattern: &StiffnessPattern, fixed: &[bool]) -> Result<Self> {
+    pub(crate) fn new(
+        pattern: &StiffnessPattern,
+        fixed: &[bool],
+        ordering: Ordering,
+    ) -> Result<Self> {
         let n = pattern.row_starts().len() - 1;
         let mut column_starts = vec![0];
         let (mut rows, mut edges) = (Vec::new(), Vec::new());
         for j in 0..n {
-            rows.push(j);
+            rows.push(j as u32);
             edges.push(NONE);
             for entry in pattern.row_starts()[j]..pattern.row_starts()[j + 1] {
                 let i = pattern.columns()[entry] as usize;
                 if i > j {
-                    rows.push(i);
+                    rows.push(i as u32);
                     edges.push(if fixed[i] || fixed[j] {
                         NONE
                     } else {
@@ -41,7 +45,7 @@ impl LowerTriangle {
             }
             column_starts.push(rows.len());
         }
-        let analysis = Analysis::new(column_starts.clone(), rows, Factorisation::Automatic)?;
+        let analysis = Analysis::new(&column_starts, &rows, ordering, Factorisation::Automatic)?;
         Ok(Self {
             column_starts,
             edges,
