@@ -426,6 +426,50 @@ def test_needles(smooth_field, make, law):
             check_agreement(functional.value_and_gradient(u), expected, tolerance=1e-8)
 
 
+def needled_sheet(degrees):
+    """Faces among well-shaped ones that are cut next to an edge, with angles of `degrees`."""
+    wavy = datasets.sheet(10, 10, amplitude=0.1, periods=1)
+    vertices, faces = arrays(wavy)
+    chosen = faces[::5]
+    part = 0.5 * math.tan(math.radians(degrees))
+    corners = vertices[chosen]
+    extra = (0.5 - 0.5 * part) * (corners[:, 0] + corners[:, 1]) + part * corners[:, 2]
+    new = len(vertices) + np.arange(len(chosen))
+    children = [np.stack([chosen[:, k], chosen[:, (k + 1) % 3], new], axis=1) for k in range(3)]
+    kept = np.delete(faces, np.s_[::5], axis=0)
+    return pa.Surface(np.concatenate([vertices, extra]), np.concatenate([kept, *children]))
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("degrees", [0.5, 0.1, 0.01])
+def test_sharper_needles(smooth_weight, law, weighted, degrees):
+    surface = needled_sheet(degrees)
+    assert 0.3 * degrees < smallest_angle(surface) < 1.5 * degrees
+    n = surface.n_vertices
+    weight = smooth_weight(surface) if weighted else None
+    functional = pa.functionals.Distortion(surface, 0.1, law=law, delta=0.01, weight=weight)
+    fields = [np.ones(n), -np.ones(n), np.zeros(n)]
+    fields.append(0.009 * np.random.default_rng(0).uniform(-1.0, 1.0, n))
+    for u in fields:
+        expected = reference.distortion(*arrays(surface), u, 0.1, law, 0.01, ETA[law], weight)
+        assert np.isfinite(expected[0])
+        check_agreement(functional.value_and_gradient(u), expected, tolerance=1e-8)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_needles_of_a_real_mesh(mesh_path, law):
+    # Its worst triangle has 0.017 of the area of the equilateral one of the same edges.
+    surface = pa.load(mesh_path("camelhead"))
+    u = np.random.default_rng(0).uniform(-1.0, 1.0, surface.n_vertices)
+    functional = pa.functionals.Distortion(surface, 2.0 * surface.mean_edge_length, law=law)
+    for field in (u, np.ones_like(u)):
+        value, gradient = functional.value_and_gradient(field)
+        assert value > 0.0
+        assert np.isfinite(value)
+        assert np.isfinite(gradient).all()
+
+
 def test_finite_for_pure_phases(surfaces):
     # No metric of a closed surface but a torus is flat: what is left of the penalty, eta, holds the
     # scale. The printed law has nothing left, and a singular matrix.
