@@ -29,6 +29,11 @@ def psi_derivative(u):
     return 9.0 / 4.0 * u * (u**2 - 1.0)
 
 
+def psi_second_derivative(u):
+    u = np.asarray(u, dtype=float)
+    return 27.0 / 4.0 * u**2 - 9.0 / 4.0
+
+
 def chi(u, delta=0.0):
     """Smooth indicator of the positive phase: cubic on |u| <= 1 - delta, constant outside."""
     u = np.asarray(u, dtype=float)
@@ -41,6 +46,12 @@ def chi_derivative(u, delta=0.0):
     u = np.asarray(u, dtype=float)
     b = 1.0 - delta
     return np.where(np.abs(u) >= b, 0.0, 3.0 * (b + u) * (b - u) / (4.0 * b**3))
+
+
+def chi_second_derivative(u, delta=0.0):
+    u = np.asarray(u, dtype=float)
+    b = 1.0 - delta
+    return np.where(np.abs(u) >= b, 0.0, -6.0 * u / (4.0 * b**3))
 
 
 def threshold(epsilon):
@@ -182,6 +193,26 @@ def weighted_perimeter(vertices, faces, u, epsilon, weight, eta=0.0, sigma=None)
         value += m @ ((1.0 - weight) * u**2) / sigma
         gradient = gradient + 2.0 * m * (1.0 - weight) * u / sigma
     return value, gradient
+
+
+def perimeter_hessian(vertices, faces, u, epsilon):
+    """Second derivatives of (5), (n, n)."""
+    m = lumped_mass(vertices, faces)
+    return epsilon * stiffness(vertices, faces) + np.diag(m * psi_second_derivative(u) / epsilon)
+
+
+def weighted_perimeter_hessian(vertices, faces, u, epsilon, weight, eta, sigma):
+    """Second derivatives of the discrete form of (7), (n, n)."""
+    m = lumped_mass(vertices, faces)
+    well = m * (weight + eta) * psi_second_derivative(u) / epsilon
+    outside = 2.0 * m * (1.0 - weight) / sigma
+    return epsilon * weighted_stiffness(vertices, faces, weight + eta) + np.diag(well + outside)
+
+
+def area_hessian(vertices, faces, u, delta, weight=None):
+    """Second derivatives of (2) and (10), (n, n)."""
+    w = np.ones(len(vertices)) if weight is None else weight
+    return np.diag(lumped_mass(vertices, faces) * w * chi_second_derivative(u, delta))
 
 
 def area(vertices, faces, u, delta, weight=None):

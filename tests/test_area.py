@@ -77,6 +77,41 @@ def test_gradient_of_every_vertex():
     assert np.abs(differences - gradient).max() < 1e-9
 
 
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("delta", [0.0, 0.1])
+def test_hessian_agrees_with_reference(surfaces, smooth_weight, weighted, delta):
+    # Beyond the plateaus too.
+    u = np.random.default_rng(3).uniform(-1.5, 1.5, surfaces.n_vertices)
+    weight = smooth_weight(surfaces) if weighted else None
+    functional = pa.functionals.Area(surfaces, 0.1, delta=delta, weight=weight)
+    vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
+    expected = reference.area_hessian(vertices, faces, u, delta, weight)
+    hessian = functional.hessian(u)
+    assert hessian.format == "csr"
+    assert hessian.nnz == surfaces.n_vertices
+    assert np.abs(hessian.toarray() - expected).max() <= AGREE * np.abs(expected).max()
+
+
+def test_hessian_is_the_derivative_of_the_gradient(surfaces, smooth_weight):
+    functional = pa.functionals.Area(surfaces, 0.1, delta=0.05, weight=smooth_weight(surfaces))
+    h = 1e-5
+    # No vertex within h of the jumps of chi'' at |u| = 0.95.
+    u = np.random.default_rng(4).uniform(-1.5, 1.5, surfaces.n_vertices)
+    u = np.where(np.abs(np.abs(u) - 0.95) < 2.0 * h, 0.5, u)
+    plus = functional.value_and_gradient(u + h)[1]
+    minus = functional.value_and_gradient(u - h)[1]
+    diagonal = functional.hessian(u).diagonal()
+    assert np.abs((plus - minus) / (2.0 * h) - diagonal).max() < 1e-8 * np.abs(diagonal).max()
+
+
+def test_hessian_jumps_at_the_plateaus():
+    surface = datasets.icosphere(1)
+    functional = pa.functionals.Area(surface, 0.1, delta=0.2)
+    inside = functional.hessian(np.full(surface.n_vertices, 0.8 - 1e-12)).diagonal()
+    np.testing.assert_allclose(inside, -1.5 / 0.8**2 * surface.mass, rtol=1e-9)
+    assert (functional.hessian(np.full(surface.n_vertices, 0.8)).data == 0.0).all()
+
+
 def test_pure_phases(surfaces):
     functional = pa.functionals.Area(surfaces, 0.1)
     one = np.ones(surfaces.n_vertices)
@@ -145,6 +180,11 @@ def test_rejects_bad_weight(small, bad):
 def test_rejects_weight_of_wrong_shape(small):
     with pytest.raises(ValueError, match="weight"):
         pa.functionals.Area(small, 0.1, weight=np.ones(small.n_faces))
+
+
+def test_hessian_rejects_bad_field(small):
+    with pytest.raises(ValueError, match=r"\bu\b"):
+        pa.functionals.Area(small, 0.1).hessian(np.zeros(small.n_vertices + 1))
 
 
 def test_rejects_bad_field(small):

@@ -92,6 +92,53 @@ def test_gradient_of_every_vertex():
     assert np.abs(differences - gradient).max() < 1e-7 * np.abs(gradient).max()
 
 
+def test_hessian_agrees_with_reference(surfaces, smooth_field):
+    u = smooth_field(surfaces)
+    epsilon = 2.0 * surfaces.mean_edge_length
+    hessian = pa.functionals.Perimeter(surfaces, epsilon).hessian(u)
+    vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
+    expected = reference.perimeter_hessian(vertices, faces, u, epsilon)
+    assert hessian.format == "csr"
+    assert np.abs(hessian.toarray() - expected).max() <= AGREE * np.abs(expected).max()
+
+
+def test_weighted_hessian_agrees_with_reference(surfaces, smooth_weight):
+    u, weight = make_field("random", surfaces, None), smooth_weight(surfaces)
+    epsilon = 2.0 * surfaces.mean_edge_length
+    functional = pa.functionals.Perimeter(surfaces, epsilon, weight=weight, eta=0.02, sigma=0.3)
+    vertices, faces = np.asarray(surfaces.vertices), np.asarray(surfaces.faces)
+    expected = reference.weighted_perimeter_hessian(vertices, faces, u, epsilon, weight, 0.02, 0.3)
+    difference = functional.hessian(u).toarray() - expected
+    assert np.abs(difference).max() <= AGREE * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_hessian_is_the_derivative_of_the_gradient(surfaces, smooth_weight, weighted):
+    epsilon = 2.0 * surfaces.mean_edge_length
+    options = {"weight": smooth_weight(surfaces), "eta": 0.01, "sigma": 0.1} if weighted else {}
+    functional = pa.functionals.Perimeter(surfaces, epsilon, **options)
+    u = make_field("random", surfaces, None)
+    direction = np.random.default_rng(1).standard_normal(surfaces.n_vertices)
+    # The gradient is a cubic: the error of the difference is h^2 = 1e-8 times a third derivative.
+    h = 1e-4
+    plus = functional.value_and_gradient(u + h * direction)[1]
+    minus = functional.value_and_gradient(u - h * direction)[1]
+    product = functional.hessian(u) @ direction
+    assert np.linalg.norm((plus - minus) / (2.0 * h) - product) < 1e-7 * np.linalg.norm(product)
+
+
+def test_entries_of_the_hessian_do_not_depend_on_the_field():
+    # The diagonals of the cells have stiffness 0, and psi'' vanishes at 1 / sqrt(3).
+    surface = datasets.sheet(4, 4, size=(1.0, 1.0))
+    functional = pa.functionals.Perimeter(surface, 0.2)
+    flat = functional.hessian(np.full(surface.n_vertices, 1.0 / math.sqrt(3.0)))
+    random = functional.hessian(make_field("random", surface, None))
+    assert flat.nnz == random.nnz == surface.n_vertices + 2 * surface.n_edges
+    assert (flat.indices == random.indices).all()
+    assert (flat.indptr == random.indptr).all()
+    assert abs(flat - flat.T).max() == 0.0
+
+
 def test_pure_phases_cost_nothing(surfaces):
     functional = pa.functionals.Perimeter(surfaces, 0.1)
     for phase in (-1.0, 1.0):
@@ -183,6 +230,14 @@ def test_rejects_bad_weight(small, bad):
 def test_rejects_weight_of_wrong_shape(small):
     with pytest.raises(ValueError, match="weight"):
         pa.functionals.Perimeter(small, 0.1, weight=np.ones(small.n_faces))
+
+
+def test_hessian_rejects_bad_field(small):
+    functional = pa.functionals.Perimeter(small, 0.1)
+    with pytest.raises(ValueError, match=r"\bu\b"):
+        functional.hessian(np.zeros(small.n_vertices - 1))
+    with pytest.raises(ValueError, match=r"\bu\b.*0"):
+        functional.hessian(np.full(small.n_vertices, math.inf))
 
 
 def test_rejects_bad_field(small):

@@ -7,15 +7,24 @@ of a sum of functionals are not free of scale: `surface.scaled(surface.area**-0.
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from .surface import Surface
 
-__all__ = ["Area", "Connectedness", "Distortion", "Functional", "Perimeter", "indicator"]
+__all__ = [
+    "Area",
+    "Connectedness",
+    "Distortion",
+    "Functional",
+    "Perimeter",
+    "TwiceDifferentiable",
+    "indicator",
+]
 
 
 class Functional(Protocol):
@@ -23,6 +32,18 @@ class Functional(Protocol):
 
     def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
+        ...
+
+
+@runtime_checkable
+class TwiceDifferentiable(Functional, Protocol):
+    """A functional that has a sparse Hessian as well."""
+
+    def hessian(self, u: ArrayLike) -> Any:
+        """Return the symmetric (n, n) scipy.sparse.csr_array of the second derivatives at `u`.
+
+        Its stored entries, zeros among them, are the same at every `u`.
+        """
         ...
 
 
@@ -98,6 +119,27 @@ class Perimeter:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
         return self._core.value_and_gradient(self._surface.vector("u", u))
 
+    def hessian(self, u: ArrayLike) -> Any:
+        """Hessian, that of equation (5) or (9): the weighted stiffness and a diagonal.
+
+        Parameters
+        ----------
+        u : (n,) array_like of float
+            Phase field.
+
+        Returns
+        -------
+        scipy.sparse.csr_array, (n, n)
+            Symmetric, and indefinite where u is far from the pure phases. It has an entry for
+            every edge, in both orders, and every vertex, zeros among them, at any `u`.
+
+        Raises
+        ------
+        ValueError
+            For `u` of another shape or with a value that is not finite.
+        """
+        return self._surface._symmetric(*self._core.hessian(self._surface.vector("u", u)))
+
 
 class Area:
     """Area of the positive phase, equation (2), or (10) within a parent's indicator.
@@ -142,6 +184,29 @@ class Area:
     def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
         return self._core.value_and_gradient(self._surface.vector("u", u))
+
+    def hessian(self, u: ArrayLike) -> Any:
+        """Hessian, a diagonal: the masses, times `weight`, times chi''(u).
+
+        Parameters
+        ----------
+        u : (n,) array_like of float
+            Phase field.
+
+        Returns
+        -------
+        scipy.sparse.csr_array, (n, n)
+            With an entry on all of the diagonal, zeros among them. chi is C1: chi'' jumps from 0
+            to 3 / (2 (1 - delta)^2) and back where |u| passes 1 - delta, and is 0 there.
+
+        Raises
+        ------
+        ValueError
+            For `u` of another shape or with a value that is not finite.
+        """
+        diagonal = self._core.hessian(self._surface.vector("u", u))
+        n = len(diagonal)
+        return scipy.sparse.csr_array((diagonal, np.arange(n), np.arange(n + 1)), shape=(n, n))
 
 
 class Connectedness:

@@ -194,14 +194,21 @@ class Surface:
             raise ValueError(f"{argument}[{index}]: {array[index]} is not a finite number")
         return array
 
-    def _symmetric(self, edge_values: NDArray[np.float64]) -> Any:
-        rows = np.concatenate([self.edges[:, 0], self.edges[:, 1]])
-        columns = np.concatenate([self.edges[:, 1], self.edges[:, 0]])
-        values = np.concatenate([edge_values, edge_values])
-        shape = (self.n_vertices, self.n_vertices)
-        off_diagonal = scipy.sparse.csr_array((values, (rows, columns)), shape=shape)
-        diagonal = scipy.sparse.diags_array(-off_diagonal.sum(axis=1))
-        return (off_diagonal + diagonal).tocsr()
+    def _symmetric(
+        self, edge_values: NDArray[np.float64], diagonal: NDArray[np.float64] | None = None
+    ) -> Any:
+        """CSR matrix of one value an edge; its rows sum to 0 without a `diagonal`.
+
+        Every edge and vertex has its entry, be it 0.
+        """
+        a, b = self.edges.T
+        if diagonal is None:
+            zeros = np.zeros(self.n_vertices)
+            diagonal = -self._symmetric(edge_values, zeros).sum(axis=1)
+        vertices = np.arange(self.n_vertices)
+        values = np.concatenate([edge_values, edge_values, diagonal])
+        entries = np.concatenate([a, b, vertices]), np.concatenate([b, a, vertices])
+        return scipy.sparse.csr_array((values, entries), shape=(self.n_vertices, self.n_vertices))
 
 
 def _read_only(array: Array) -> Array:

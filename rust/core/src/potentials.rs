@@ -1,5 +1,5 @@
 //! The scalar laws of section 3: the double well Psi, the indicator chi, and the pair F, H of
-//! the connectedness functional, each with its derivative.
+//! the connectedness functional, each with its derivative; Psi and chi with the second one too.
 
 /// Double well Psi(u) = 9/16 (u^2 - 1)^2, section 3.
 #[inline]
@@ -12,6 +12,12 @@ pub fn psi(u: f64) -> f64 {
 #[inline]
 pub fn psi_prime(u: f64) -> f64 {
     2.25 * u * (u * u - 1.0)
+}
+
+/// Psi''(u) = 9/4 (3 u^2 - 1).
+#[inline]
+pub fn psi_second(u: f64) -> f64 {
+    2.25 * (3.0 * u * u - 1.0)
 }
 
 /// Diffuse indicator chi(u) of the positive phase, section 3: a cubic from 0 at -(1 - delta) to
@@ -37,6 +43,18 @@ pub fn chi_prime(u: f64, delta: f64) -> f64 {
         0.0
     } else {
         0.75 * (r * r - u * u) / (r * r * r)
+    }
+}
+
+/// chi''(u) = -3 u / (2 r^3) within |u| < r = 1 - delta, else 0: chi' has kinks at |u| = r, where
+/// chi'' jumps by 3 / (2 r^2).
+#[inline]
+pub fn chi_second(u: f64, delta: f64) -> f64 {
+    let r = 1.0 - delta;
+    if u.abs() >= r {
+        0.0
+    } else {
+        -1.5 * u / (r * r * r)
     }
 }
 
@@ -113,8 +131,10 @@ mod tests {
     #[test]
     fn derivatives_match_differences() {
         check_derivative(psi, psi_prime);
+        check_derivative(psi_prime, psi_second);
         for delta in [0.0, 0.02] {
             check_derivative(|u| chi(u, delta), |u| chi_prime(u, delta));
+            check_derivative(|u| chi_prime(u, delta), |u| chi_second(u, delta));
         }
         let laws = ConnectednessLaws::new(0.8, 1.0);
         check_derivative(|u| laws.f(u), |u| laws.f_prime(u));

@@ -7,6 +7,8 @@ use crate::mesh::TriangleMesh;
 use crate::pool::detached;
 use crate::to_python;
 
+type Pair<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
 fn evaluate<'py>(
     py: Python<'py>,
     functional: &dyn Functional,
@@ -53,6 +55,16 @@ impl Perimeter {
     ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
         evaluate(py, &self.0, &u)
     }
+
+    /// Off-diagonal entries, one an edge, and diagonal.
+    fn hessian<'py>(&self, py: Python<'py>, u: PyReadonlyArray1<'_, f64>) -> PyResult<Pair<'py>> {
+        let u = u.as_slice()?;
+        let (edges, diagonal) = detached(py, || self.0.hessian(u))?.map_err(to_python)?;
+        Ok((
+            PyArray1::from_vec(py, edges),
+            PyArray1::from_vec(py, diagonal),
+        ))
+    }
 }
 
 #[pyclass(frozen, module = "phaseatlas._core")]
@@ -84,6 +96,17 @@ impl Area {
         u: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
         evaluate(py, &self.0, &u)
+    }
+
+    /// Diagonal; the other entries are 0.
+    fn hessian<'py>(
+        &self,
+        py: Python<'py>,
+        u: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let u = u.as_slice()?;
+        let diagonal = detached(py, || self.0.hessian(u))?.map_err(to_python)?;
+        Ok(PyArray1::from_vec(py, diagonal))
     }
 }
 
@@ -148,9 +171,6 @@ impl Connectedness {
     }
 }
 
-/// Log scale factors of the positive and of the negative phase.
-type LogScales<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
-
 #[pyclass(frozen, module = "phaseatlas._core")]
 pub struct Distortion(core::Distortion);
 
@@ -193,11 +213,8 @@ impl Distortion {
         evaluate(py, &self.0, &u)
     }
 
-    fn log_scale<'py>(
-        &self,
-        py: Python<'py>,
-        u: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<LogScales<'py>> {
+    /// Log scale factors of the positive and of the negative phase.
+    fn log_scale<'py>(&self, py: Python<'py>, u: PyReadonlyArray1<'_, f64>) -> PyResult<Pair<'py>> {
         let u = u.as_slice()?;
         let [positive, negative] = detached(py, || self.0.log_scale(u))?.map_err(to_python)?;
         Ok((

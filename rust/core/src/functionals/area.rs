@@ -8,7 +8,7 @@ use super::Functional;
 use crate::CHUNK;
 use crate::error::{Result, check_delta, check_length, check_vector, check_weight};
 use crate::mesh::TriangleMesh;
-use crate::potentials::{chi, chi_prime};
+use crate::potentials::{chi, chi_prime, chi_second};
 
 /// A_alpha\[u\] = m^T (w . chi(u)), equations (2) and (10): the area of the positive phase, within
 /// the parent's indicator w (w = 1 on the first level).
@@ -34,6 +34,19 @@ impl Area {
     /// The area of both phases together, m^T w.
     pub fn total(&self) -> f64 {
         self.measure.iter().sum()
+    }
+
+    /// The diagonal m w . chi''(u) of the Hessian at `u`, which has no other entries. It jumps
+    /// where |u| passes 1 - delta.
+    ///
+    /// # Errors
+    /// `u` of another length or not finite.
+    pub fn hessian(&self, u: &[f64]) -> Result<Vec<f64>> {
+        check_vector("u", u, self.measure.len())?;
+        let measure = u.iter().zip(&self.measure);
+        Ok(measure
+            .map(|(&u, m)| m * chi_second(u, self.delta))
+            .collect())
     }
 }
 
@@ -77,6 +90,26 @@ mod tests {
         let negative = area.value_and_gradient(&minus, &mut gradient).unwrap();
         assert!((positive + negative - mesh.area()).abs() < 1e-13);
         check_gradient(&area, &u, 1e-7);
+    }
+
+    #[test]
+    fn hessian_is_the_derivative_of_the_gradient() {
+        let mesh = Arc::new(grid(20, 20, |x, y| x * y));
+        let area = Area::new(&mesh, 0.02, None).unwrap();
+        let u = noise(mesh.n_vertices());
+        let diagonal = area.hessian(&u).unwrap();
+        let step = 1e-6;
+        let at = |t: f64| {
+            let moved: Vec<f64> = u.iter().map(|u| u + t).collect();
+            let mut gradient = vec![0.0; u.len()];
+            area.value_and_gradient(&moved, &mut gradient).unwrap();
+            gradient
+        };
+        let (plus, minus) = (at(step), at(-step));
+        for i in 0..u.len() {
+            let difference = (plus[i] - minus[i]) / (2.0 * step);
+            assert!((difference - diagonal[i]).abs() < 1e-8, "vertex {i}");
+        }
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::error::{
 };
 use crate::mesh::TriangleMesh;
 use crate::operators::Stiffness;
-use crate::potentials::{psi, psi_prime};
+use crate::potentials::{psi, psi_prime, psi_second};
 
 /// P\[u\] = eps/2 u^T S u + 1/eps m^T Psi(u), equation (5), and within a parent's indicator w
 /// P\[u\] = eps/2 u^T S^w u + 1/eps m^T ((w + eta) . Psi(u)) + 1/sigma m^T ((1 - w) . u^2),
@@ -69,6 +69,30 @@ impl Perimeter {
             confinement: mass.map(|(m, w)| m * (1.0 - w) / sigma).collect(),
             mesh,
         })
+    }
+
+    /// The Hessian eps S^w + diag(1/eps m (w + eta) . Psi''(u) + 2/sigma m (1 - w)) at `u`: its
+    /// off-diagonal entries, one an edge of the mesh, and its diagonal.
+    ///
+    /// # Errors
+    /// `u` of another length or not finite.
+    pub fn hessian(&self, u: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
+        check_vector("u", u, self.mesh.n_vertices())?;
+        let edge_values = self.stiffness.edge_values();
+        let edges = edge_values.iter().map(|s| self.epsilon * s).collect();
+        let starts = self.mesh.pattern().row_starts();
+        let values = self.stiffness.values();
+        let diagonal = u
+            .par_iter()
+            .with_min_len(CHUNK)
+            .enumerate()
+            .map(|(i, &ui)| {
+                let row: f64 = values[starts[i]..starts[i + 1]].iter().sum();
+                let confinement = self.confinement.get(i).unwrap_or(&0.0);
+                self.well[i] * psi_second(ui) - self.epsilon * row + 2.0 * confinement
+            })
+            .collect();
+        Ok((edges, diagonal))
     }
 }
 
@@ -134,5 +158,44 @@ mod tests {
         let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
         let weighted = Perimeter::weighted(mesh, 0.1, &weight, 1e-3, 0.5).unwrap();
         check_gradient(&weighted, &u, 1e-7);
+    }
+
+    #[test]
+    fn hessian_is_the_derivative_of_the_gradient() {
+        let mesh = Arc::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y));
+        let n = mesh.n_vertices();
+        let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
+        let u = noise(n);
+        let direction: Vec<f64> = (0..n).map(|i| (i as f64 * 0.7 + 0.3).sin()).collect();
+        for perimeter in [
+            Perimeter::new(mesh.clone(), 0.1).unwrap(),
+            Perimeter::weighted(mesh.clone(), 0.1, &weight, 1e-3, 0.5).unwrap(),
+        ] {
+            let (edges, diagonal) = perimeter.hessian(&u).unwrap();
+            let mut product: Vec<f64> = diagonal
+                .iter()
+                .zip(&direction)
+                .map(|(h, d)| h * d)
+                .collect();
+            for (h, &[a, b]) in edges.iter().zip(mesh.edges()) {
+                let (a, b) = (a as usize, b as usize);
+                product[a] += h * direction[b];
+                product[b] += h * direction[a];
+            }
+            let step = 1e-5;
+            let at = |t: f64| {
+                let moved: Vec<f64> = u.iter().zip(&direction).map(|(u, d)| u + t * d).collect();
+                let mut gradient = vec![0.0; n];
+                perimeter.value_and_gradient(&moved, &mut gradient).unwrap();
+                gradient
+            };
+            let (plus, minus) = (at(step), at(-step));
+            for i in 0..n {
+                let difference = (plus[i] - minus[i]) / (2.0 * step);
+                assert!((difference - product[i]).abs() < 1e-8, "row {i}");
+            }
+        }
+        let perimeter = Perimeter::new(mesh, 0.1).unwrap();
+        assert!(perimeter.hessian(&u[1..]).is_err());
     }
 }
