@@ -119,6 +119,16 @@ def test_segment_and_atlas(model):
     assert (folder / "a.glb").stat().st_size > 0
 
 
+def test_segment_with_ipopt(model):
+    pytest.importorskip("ipyopt", reason="needs the extra ipopt")
+    output = model.parent / "a.npz"
+    result = run("segment", model, "-o", output, "--levels", 1, "--solver", "ipopt")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    expected = pa.segment(pa.load(model), 1, solver="ipopt")
+    assert np.array_equal(hierarchy.SegmentTree.load(output).fields, expected.fields)
+
+
 def test_demo(tmp_path):
     result = run("demo", tmp_path / "out", "--levels", 1)
     assert result.returncode == 0, result.stderr

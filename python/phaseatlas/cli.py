@@ -37,6 +37,7 @@ app = typer.Typer(
 
 class Solver(enum.StrEnum):
     lbfgs = "lbfgs"
+    ipopt = "ipopt"
 
 
 class Flatten(enum.StrEnum):

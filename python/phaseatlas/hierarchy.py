@@ -17,10 +17,10 @@ import scipy.cluster.vq
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from . import _core
+from . import _core, ipopt
 from .functionals import Area, Connectedness, Distortion, Perimeter, indicator
 from .io import write_whole
-from .optimise import AREA_CONSTRAINTS, AreaConstraint, Iteration, minimise
+from .optimise import AREA_CONSTRAINTS, AreaConstraint, Iteration, Result, minimise
 from .surface import Surface
 
 __all__ = [
@@ -36,6 +36,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Initial = Literal["auto", "random", "normals"]
 INITIALS = get_args(Initial)
+Solver = Literal["lbfgs", "ipopt"]
 
 # Continuation starts where epsilon is about this part of the square root of the segment's area:
 # the interface is then as wide as the segment, and few local minima are left.
@@ -43,9 +44,16 @@ _COARSEST = 0.2
 # With distortion it starts narrower: a limb that is thinner than the interface has no inside, and
 # the border must find the way along it before it has shrunk to its shortest.
 _COARSEST_DISTORTED = 0.1
-_COARSE: dict[str, Any] = {"tolerance": 1e-5, "max_updates": 1}
-# The distortion is stiff: with 1e-8, as without it, a third of the steps gain nothing.
-_DISTORTED: dict[str, Any] = {"tolerance": 1e-6}
+_MINIMISE: dict[Solver, Callable[..., Result]] = {
+    "lbfgs": minimise,
+    "ipopt": ipopt.minimise,
+}
+_COARSE: dict[Solver, dict[str, Any]] = {
+    "lbfgs": {"tolerance": 1e-5, "max_updates": 1},
+    "ipopt": {"tolerance": 1e-5},
+}
+# The distortion is stiff: with 1e-8, as without it, half of the steps gain nothing.
+_DISTORTED: dict[Solver, dict[str, Any]] = {"lbfgs": {"tolerance": 1e-6}, "ipopt": {}}
 # First steps of each start: the better half of them goes on, for twice as many, until one is
 # left. Steps in which noise parts into phases.
 _START_STEPS = 20
@@ -163,6 +171,7 @@ class _Settings:
     law: Literal["sharp", "paper"]
     initial: Initial
     seed: int
+    solver: Solver
     max_iterations: int
 
 
@@ -381,7 +390,7 @@ def segment(
     law: Literal["sharp", "paper"] = "sharp",
     initial: Initial | ArrayLike = "auto",
     seed: int = 0,
-    solver: Literal["lbfgs"] = "lbfgs",
+    solver: Solver = "lbfgs",
     max_iterations: int = 5000,
     executor: Executor | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -418,8 +427,8 @@ def segment(
         fades to 0 where its parent's indicator falls below about epsilon / sigma: with much
         less, siblings would mix along the whole border of their parent.
     area : {"lagrangian", "penalty", "none"}
-        Meet the areas to 1e-5 by an augmented Lagrangian, only penalise their deviation, or
-        leave them free.
+        Meet the areas to 1e-5 by an augmented Lagrangian, or with Ipopt to 1e-8 as a constraint,
+        only penalise their deviation, or leave them free.
     penalty : float, default 100
         Weight of the quadratic penalty on the relative deviation of the area, half of whose
         square it multiplies; the first weight of the augmented Lagrangian.
@@ -435,8 +444,9 @@ def segment(
         perimeter, and a split along each principal axis of the normals.
     seed : int, default 0
         Of the random values.
-    solver : {"lbfgs"}
-        The method.
+    solver : {"lbfgs", "ipopt"}
+        L-BFGS, or Ipopt from the extra `ipopt`: Newton steps with the exact Hessian where neither
+        connectedness nor distortion takes part, limited memory where they do.
     max_iterations : int, default 5000
         Limit on the steps of each stage of a node.
     executor : concurrent.futures.Executor, optional
@@ -534,7 +544,7 @@ def _settings(
     coarsest: float | None,
     delta: float | None,
     sigma: float,
-    solver: str,
+    solver: Solver,
     **others: Any,
 ) -> _Settings:
     positive = {
@@ -556,8 +566,10 @@ def _settings(
             raise ValueError(f"{name}: {others[name]} must be at least {least}")
     if epsilon >= 1:
         raise ValueError(f"epsilon: {epsilon:g} times the square root of the area; must be below 1")
-    if solver != "lbfgs":
-        raise ValueError(f'solver: {solver!r} must be "lbfgs"')
+    if solver not in _MINIMISE:
+        raise ValueError(f"solver: {solver!r} must be one of {tuple(_MINIMISE)}")
+    if solver == "ipopt":
+        ipopt.require()
     if others["initial"] not in INITIALS:
         raise ValueError(f"initial: {others['initial']!r} must be an array or one of {INITIALS}")
     if others["law"] not in ("sharp", "paper"):
@@ -572,6 +584,7 @@ def _settings(
         coarsest=coarsest,
         delta=delta,
         sigma=sigma,
+        solver=solver,
         **others,
     )
 
@@ -898,7 +911,7 @@ class _NodeSolver:
                     )
                 )
 
-        result = minimise(
+        result = _MINIMISE[settings.solver](
             terms,
             self.area,
             0.5 * self.area.total,
@@ -910,7 +923,7 @@ class _NodeSolver:
             penalty=self.penalty,
             max_iterations=settings.max_iterations if max_iterations is None else max_iterations,
             callback=report,
-            **(_COARSE if not last else _DISTORTED if settings.distortion > 0 else {}),
+            **self._tolerances(last),
         )
         self.u = result.u
         self.multiplier = result.multiplier
@@ -920,6 +933,12 @@ class _NodeSolver:
         self.iterations += result.iterations
         self.evaluations += result.evaluations
         self.converged = result.converged
+
+    def _tolerances(self, last: bool) -> dict[str, Any]:
+        settings = self.node.settings
+        if not last:
+            return _COARSE[settings.solver]
+        return _DISTORTED[settings.solver] if settings.distortion > 0 else {}
 
     def _perimeter(self, epsilon: float) -> Perimeter:
         settings = self.node.settings

@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 
 from .functionals import Functional
 
-__all__ = ["AREA_CONSTRAINTS", "AreaConstraint", "Iteration", "Result", "minimise"]
+__all__ = [
+    "AREA_CONSTRAINTS",
+    "AreaConstraint",
+    "Iteration",
+    "Result",
+    "minimise",
+    "weighted_sum",
+]
 
 AreaConstraint = Literal["lagrangian", "penalty", "none"]
 AREA_CONSTRAINTS = get_args(AreaConstraint)
@@ -76,6 +83,19 @@ class Result:
     converged: bool
 
 
+def weighted_sum(
+    terms: Sequence[tuple[float, Functional]], u: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64]]:
+    """Return the value and the (n,) gradient of a sum of weights times functionals at `u`."""
+    energy = 0.0
+    gradient = np.zeros_like(u)
+    for weight, functional in terms:
+        value, slope = functional.value_and_gradient(u)
+        energy += weight * value
+        gradient += weight * slope
+    return energy, gradient
+
+
 class _Lagrangian:
     """E(u) + lambda g(u) + mu/2 g(u)^2 with g = A / target - 1, in the scaled unknowns."""
 
@@ -99,12 +119,7 @@ class _Lagrangian:
     def __call__(self, x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         u = x / self.scale
         self.evaluations += 1
-        energy = 0.0
-        gradient = np.zeros_like(u)
-        for weight, functional in self.terms:
-            value, slope = functional.value_and_gradient(u)
-            energy += weight * value
-            gradient += weight * slope
+        energy, gradient = weighted_sum(self.terms, u)
         area, slope = self.constraint.value_and_gradient(u)
         violation = area / self.target - 1
         force = self.multiplier + self.penalty * violation
