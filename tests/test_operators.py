@@ -18,6 +18,7 @@ EXPECTED_TOPOLOGY = {
     "sheet": (1, 0, 1),
     "cylinder": (0, 0, 2),
     "starfish": (2, 0, 0),
+    "rounded_cube": (2, 0, 0),
 }
 
 
@@ -28,6 +29,7 @@ def make(name):
         "sheet": lambda: datasets.sheet(7, 5, amplitude=0.1),
         "cylinder": lambda: datasets.cylinder(0.5, 2.0, 14, 6),
         "starfish": lambda: datasets.starfish(3),
+        "rounded_cube": lambda: datasets.rounded_cube(8, 1.5, 0.4),
     }[name]()
 
 
@@ -177,7 +179,7 @@ def test_weighted_stiffness_rejects_bad_weights():
 # The generators themselves
 
 
-@pytest.mark.parametrize("name", ["icosphere", "torus", "starfish"])
+@pytest.mark.parametrize("name", ["icosphere", "torus", "starfish", "rounded_cube"])
 def test_closed_datasets_point_outwards(name):
     surface = make(name)
     corners = np.asarray(surface.vertices)[np.asarray(surface.faces)]
@@ -192,6 +194,26 @@ def test_datasets_have_the_sizes_they_promise():
     assert torus.area == pytest.approx(4.0 * math.pi**2 * 0.4, rel=0.02)
     assert datasets.cylinder(0.5, 2.0, 40, 5).area == pytest.approx(2.0 * math.pi, rel=0.02)
     assert datasets.sheet(4, 6, size=(2.0, 3.0)).area == pytest.approx(6.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(("cells", "radius"), [(24, 0.5), (31, 0.2), (12, 1.0), (2, 0.3)])
+def test_rounded_cube_is_curved_on_its_corners_alone(cells, radius):
+    surface = datasets.rounded_cube(cells, 2.0, radius)
+    assert surface.n_vertices == 6 * cells**2 + 2
+    assert surface.face_quality.min() > 0.75
+    # Every vertex lies at `radius` from the cube that is left when the roundings are taken off.
+    inner = np.clip(surface.vertices, radius - 1.0, 1.0 - radius)
+    distance = np.linalg.norm(surface.vertices - inner, axis=1)
+    np.testing.assert_allclose(distance, radius, rtol=1e-12)
+    on_corner = (np.abs(surface.vertices) > 1.0 - radius + 1e-9).all(axis=1)
+    if cells > 2:
+        flat = 2.0 * (1.0 - radius)
+        area = 6.0 * flat**2 + 6.0 * np.pi * radius * flat + 4.0 * np.pi * radius**2
+        assert surface.area == pytest.approx(area, rel=0.02)
+        assert surface.angle_defects[on_corner].sum() > 0.5 * 4.0 * np.pi
+        neighbours = np.zeros(surface.n_vertices, dtype=bool)
+        neighbours[surface.faces[on_corner[surface.faces].any(axis=1)]] = True
+        np.testing.assert_allclose(surface.angle_defects[~neighbours], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["sheet", "cylinder"])
@@ -226,6 +248,9 @@ def test_starfish_triangles_are_well_shaped(subdivisions):
         (lambda: datasets.sheet(amplitude=math.nan), "amplitude"),
         (lambda: datasets.cylinder(1.0, -1.0, 8, 2), "height"),
         (lambda: datasets.starfish(2), "subdivisions"),
+        (lambda: datasets.rounded_cube(0), "cells"),
+        (lambda: datasets.rounded_cube(4, side=-1.0), "side"),
+        (lambda: datasets.rounded_cube(4, 1.0, 0.6), "radius"),
     ],
 )
 def test_datasets_reject_bad_arguments(call, name):

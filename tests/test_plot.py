@@ -132,6 +132,45 @@ def test_segments_have_colours_of_their_own():
         plot.segment_colors(surface, labels, 2)
 
 
+def test_render_returns_what_segments_writes(tmp_path):
+    surface = datasets.icosphere(2)
+    colours = plot.scalar_colors(surface.vertices[:, 0])
+    first, second = plot.render(surface, colours, size=SIZE)
+    plot.segments(surface, colours, tmp_path / "a.png", size=SIZE)
+    written = read(tmp_path / "a.png")
+    gap = (written.shape[1] - first.shape[1] - second.shape[1]) // 3
+    h, w = first.shape[:2]
+    shown = written[gap : gap + h, gap : gap + w]
+    assert np.abs(shown - 255.0 * first).max() < 1.0
+    assert first.shape == second.shape
+    assert np.abs(first - second).max() > 0.3
+
+
+def test_scalar_colours_run_from_blue_to_red():
+    colours = plot.scalar_colors([-2.0, -1.0, 0.0, 1.0, 3.0])
+    blue, white, red = colours[[0, 2, 4]]
+    assert blue.argmax() == 2
+    assert red.argmax() == 0
+    assert np.ptp(white) < 0.02
+    np.testing.assert_array_equal(colours[[0, 4]], colours[[1, 3]])
+    scaled = plot.scalar_colors([3.0, 5.0, 7.0], low=3.0, high=7.0)
+    np.testing.assert_array_equal(scaled, colours[1:4])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"values": np.zeros((3, 1))}, r"values must be \(k,\), got \(3, 1\)"),
+        ({"values": [0.0, np.nan]}, r"values\[1\] is not finite: nan"),
+        ({"low": 1.0}, "low must be below high, got 1.0 and 1.0"),
+        ({"colormap": "what"}, "colormap must be one of matplotlib's, got 'what'"),
+    ],
+)
+def test_scalar_colours_name_wrong_input(options, message):
+    with pytest.raises(ValueError, match=message):
+        plot.scalar_colors(**{"values": np.zeros(3), **options})
+
+
 @pytest.mark.parametrize("count", [1, 2, 9, 10, 64])
 def test_palette_colours_differ(count):
     colours = plot.palette(count)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .surface import Surface
 
-__all__ = ["cylinder", "icosphere", "sheet", "starfish", "torus"]
+__all__ = ["cylinder", "icosphere", "rounded_cube", "sheet", "starfish", "torus"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -183,6 +183,71 @@ def cylinder(
     )
     vertices = np.stack((radius * np.cos(around), radius * np.sin(around), along), axis=-1)
     return Surface(vertices.reshape(-1, 3), _grid_faces(n_around, n_along + 1, wrap=(True, False)))
+
+
+def rounded_cube(cells: int = 40, side: float = 2.0, radius: float = 0.5) -> Surface:
+    """Cube around the origin with rounded edges and corners.
+
+    The faces are flat, the edges quarters of cylinders, the corners octants of spheres: the Gauss
+    curvature is ``1 / radius**2`` on the corners, pi / 2 in total on each, and zero elsewhere.
+
+    Parameters
+    ----------
+    cells : int, default 40
+        Number of cells of the grid along each side of the cube, up to the middle of the roundings.
+    side : float, default 2.0
+        Distance of opposite faces.
+    radius : float, default 0.5
+        Radius of edges and corners, at most half of `side`, which gives a sphere.
+
+    Returns
+    -------
+    Surface
+        Closed surface of genus 0 with ``6 * cells**2 + 2`` vertices and twice as many faces less
+        four.
+
+    Raises
+    ------
+    ValueError
+        If `cells` is less than 1, `side` or `radius` is not a positive number or `radius` is
+        larger than half of `side`.
+    """
+    _require_count("cells", cells, 1)
+    _require_positive("side", side)
+    _require_positive("radius", radius)
+    if radius > 0.5 * side:
+        raise ValueError(f"radius must be at most side / 2, got {radius} > {side} / 2")
+    lattice, quads = _cube_lattice(cells)
+    # Along a line of the grid, from the middle of one rounding to the middle of the next, the
+    # arc length runs evenly; past the flat part it is an angle of up to 45 degrees.
+    flat = 0.5 * side - radius
+    reach = flat + 0.25 * np.pi * radius
+    along = reach * (2.0 * lattice / cells - 1.0)
+    inner = np.clip(along, -flat, flat)
+    direction = np.tan(np.clip((along - inner) / radius, -0.25 * np.pi, 0.25 * np.pi))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    vertices = inner + radius * direction
+    # The shorter diagonal of each cell; they differ on the corners only.
+    first = np.linalg.norm(vertices[quads[:, 0]] - vertices[quads[:, 2]], axis=1)
+    second = np.linalg.norm(vertices[quads[:, 1]] - vertices[quads[:, 3]], axis=1)
+    turned = np.where((second < (1.0 - 1e-9) * first)[:, None], np.roll(quads, -1, axis=1), quads)
+    faces = np.concatenate((turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]), axis=1)
+    return Surface(vertices, faces.reshape(-1, 3))
+
+
+def _cube_lattice(cells: int) -> tuple[IntArray, IntArray]:
+    """Points (p, 3) of a cube's surface on the lattice 0..cells, and quads (q, 4) outwards."""
+    i, j = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
+    around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    square = np.stack((i, j), axis=-1).reshape(-1, 1, 2) + around
+    corners = []
+    for axis in range(3):
+        for end in (0, cells):
+            side = np.insert(square, axis, end, axis=2)
+            # (i, j, outwards) is right-handed for the axes 0 and 2, left-handed for 1.
+            corners.append(side if (end > 0) == (axis != 1) else side[:, ::-1])
+    points, index = np.unique(np.concatenate(corners).reshape(-1, 3), axis=0, return_inverse=True)
+    return points.astype(np.int64), index.reshape(-1, 4).astype(np.int64)
 
 
 # Longitude and latitude (degrees), reach beyond the body and angular width (radians) of the limbs:

@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -76,6 +77,35 @@ def segments(
     ValueError
         If `values` has none of the shapes above or an option is out of range.
     """
+    drawn = render(surface, values, views=views, size=size, direction=direction)
+    _write(_panels(drawn, title), path)
+
+
+def render(
+    surface: Surface,
+    values: NDArray[Any],
+    *,
+    views: int = 2,
+    size: int = 700,
+    direction: Sequence[float] | None = None,
+) -> list[Floats]:
+    """Render what `segments` draws, as arrays, to put into a figure of one's own.
+
+    Parameters
+    ----------
+    surface, values, views, size, direction
+        As in `segments`.
+
+    Returns
+    -------
+    list of (size, w, 3) float64 arrays
+        One a view, colours in [0, 1] on white, all at one scale.
+
+    Raises
+    ------
+    ValueError
+        If `values` has none of the shapes `segments` takes or an option is out of range.
+    """
     values = np.asarray(values)
     if values.shape == (surface.n_faces,) and np.issubdtype(values.dtype, np.integer):
         _check_labels(values)
@@ -94,8 +124,7 @@ def segments(
             f"values must be (m,) integers, (k, n), (n, 3) or (m, 3) with m = {surface.n_faces}, "
             f"n = {surface.n_vertices}, got {values.dtype} {values.shape}"
         )
-    drawn = _render(surface, _corner_lookup(corner_colours), views, size, direction)
-    _write(_panels(drawn, title), path)
+    return _render(surface, _corner_lookup(corner_colours), views, size, direction)
 
 
 def textured(
@@ -129,9 +158,38 @@ def textured(
     ValueError
         If `uv` has another shape or an option is out of range.
     """
-    uv = checked_uv(surface, uv)
-    drawn = _render(surface, _texture_lookup(uv, image), views, size, direction)
+    drawn = render_textured(surface, uv, image, views=views, size=size, direction=direction)
     _write(_panels(drawn, title), path)
+
+
+def render_textured(
+    surface: Surface,
+    uv: Floats,
+    image: NDArray[Any],
+    *,
+    views: int = 2,
+    size: int = 700,
+    direction: Sequence[float] | None = None,
+) -> list[Floats]:
+    """Render what `textured` draws, as arrays, to put into a figure of one's own.
+
+    Parameters
+    ----------
+    surface, uv, image, views, size, direction
+        As in `textured`.
+
+    Returns
+    -------
+    list of (size, w, 3) float64 arrays
+        One a view, colours in [0, 1] on white, all at one scale.
+
+    Raises
+    ------
+    ValueError
+        If `uv` has another shape or an option is out of range.
+    """
+    uv = checked_uv(surface, uv)
+    return _render(surface, _texture_lookup(uv, image), views, size, direction)
 
 
 def uv_layout(
@@ -188,6 +246,45 @@ def uv_layout(
     figure = _panels([layout, *beside], title)
     _outline(figure, surface, atlas.uv, size)
     _write(figure, path)
+
+
+def scalar_colors(
+    values: Floats, *, low: float = -1.0, high: float = 1.0, colormap: str = "coolwarm"
+) -> Floats:
+    """Map a scalar field to colours; by default a phase field, from blue at -1 to red at 1.
+
+    Parameters
+    ----------
+    values
+        (k,) values, at the vertices or faces of a surface.
+    low, high
+        Values of the two ends of the colour map; what lies beyond takes their colours.
+    colormap
+        Name of a colour map of matplotlib.
+
+    Returns
+    -------
+    (k, 3) float64 array
+        Colours in [0, 1], as `segments` takes them.
+
+    Raises
+    ------
+    ValueError
+        If `values` is not one-dimensional or not finite, `low` is not below `high`, or the colour
+        map is unknown.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim != 1:
+        raise ValueError(f"values must be (k,), got {values.shape}")
+    if not np.isfinite(values).all():
+        index = int(np.argmin(np.isfinite(values)))
+        raise ValueError(f"values[{index}] is not finite: {values[index]}")
+    if not low < high:
+        raise ValueError(f"low must be below high, got {low} and {high}")
+    if colormap not in matplotlib.colormaps:
+        raise ValueError(f"colormap must be one of matplotlib's, got {colormap!r}")
+    colours: Floats = matplotlib.colormaps[colormap]((values - low) / (high - low))[:, :3]
+    return colours
 
 
 def segment_colors(surface: Surface, labels: Ints, count: int | None = None) -> Floats:
