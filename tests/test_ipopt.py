@@ -393,7 +393,7 @@ def test_tree_of_two_levels(minimise):
 
 @pytest.mark.parametrize("area", ["penalty", "none"])
 def test_tree_without_the_constraint(minimise, area):
-    surface = datasets.icosphere(3)
+    surface = datasets.starfish(3)
     options = {"area": area, "penalty": 10.0, "connected": False, "distortion": 3.0}
     tree = pa.segment(surface, 1, solver="ipopt", **options)
     assert tree.diagnostics[0].converged
