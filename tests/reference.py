@@ -310,6 +310,7 @@ def connectedness(
     form="pairs",
     saturation=None,
     plateau=1.0,
+    inside=None,
 ):
     """Equation (3) for the positive phase: sum over ordered pairs i != j of W_i W_j d_ij.
 
@@ -318,7 +319,7 @@ def connectedness(
     parts that each joins.
     """
     w = np.ones(len(faces)) if weight is None else face_means(faces, weight)
-    inside = w >= outside
+    inside = w >= outside if inside is None else np.asarray(inside)
     values = face_means(faces, u)
     labels = label_faces(faces, inside & (values >= threshold(epsilon)))
     count = labels.max() + 1
@@ -403,10 +404,10 @@ def yamabe_coefficients(c, epsilon, law, eta):
         return (c + eta, c, (1.0 - c) / epsilon), (one, one, -one / epsilon)
     # "sharp": the penalty sets in where the other phase prevails and stiffens like 1 / epsilon^2,
     # so that s = 0 on the interface in the limit; the mixed phase c = 1/2 goes unpunished.
-    q = np.maximum(0.0, 1.0 - 2.0 * c) ** 2
-    dq = -4.0 * np.maximum(0.0, 1.0 - 2.0 * c)
-    values = (one, 1.0 - q, (30.0 * q + eta) / epsilon**2)
-    return values, (0.0 * one, -dq, 30.0 * dq / epsilon**2)
+    t = np.maximum(0.0, 1.0 - 4.0 * c)
+    q, dq = t**2, -8.0 * t
+    values = (one, 1.0 - q, (60.0 * q + eta) / epsilon**2)
+    return values, (0.0 * one, -dq, 60.0 * dq / epsilon**2)
 
 
 def yamabe(vertices, faces, c, epsilon, law, eta):

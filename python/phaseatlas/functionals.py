@@ -236,6 +236,9 @@ class Connectedness:
         whole, but not beside w, are held as firmly as large ones. By default W itself counts.
     plateau : float, default 1
         H rises from 0 at `threshold` to 1 here; in (`threshold`, 1].
+    inside : (m,) array_like of bool, optional
+        Faces of the parent segment, to which the components belong; by default those where the
+        mean of `weight` is at least 1/4.
 
     Raises
     ------
@@ -262,6 +265,7 @@ class Connectedness:
         form: Literal["pairs", "tree"] = "pairs",
         saturation: float | None = None,
         plateau: float = 1.0,
+        inside: ArrayLike | None = None,
     ) -> None:
         if not 0 < epsilon < 1:
             raise ValueError(
@@ -270,7 +274,10 @@ class Connectedness:
         self._surface = surface
         w = None if weight is None else surface.vector("weight", weight)
         a = 1 - float(np.sqrt(epsilon)) if threshold is None else threshold
-        self._core = _core.Connectedness(surface._mesh, a, w, phase, form, saturation, plateau)
+        faces = None if inside is None else np.ascontiguousarray(inside, dtype=np.bool_)
+        self._core = _core.Connectedness(
+            surface._mesh, a, w, phase, form, saturation, plateau, faces
+        )
 
     def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
@@ -293,7 +300,7 @@ class Distortion:
     epsilon : float
         Interface width, a length.
     law : {"sharp", "paper"}
-        How the phase enters the equation. "sharp" penalises s by 30 max(0, 1 - 2 chi)^2 /
+        How the phase enters the equation. "sharp" penalises s by 60 max(0, 1 - 4 chi)^2 /
         epsilon^2, which tends to s = 0 on the interface and never rewards a mixed phase;
         "paper" is (12) as printed, penalty (1 - chi) / epsilon and diffusion chi + eta, whose
         limit is a Robin condition.

@@ -58,17 +58,19 @@ _DISTORTED: dict[Solver, dict[str, Any]] = {"lbfgs": {"tolerance": 1e-6}, "ipopt
 # left. Steps in which noise parts into phases.
 _START_STEPS = 20
 _NOISE_STEPS = 15
-# The connectedness functional sees all that the sharp segments consist of, and its masses
-# saturate at epsilon^2, the area of the least island: an island at the tip of a limb spares so
-# much distortion that its own small mass would not hold it.
-_THRESHOLD = 0.05
-_PLATEAU = 0.3
+# The connectedness functional sees all that the distortion does: its threshold is about the value
+# at which that starts to penalise the other phase. Masses saturate at epsilon^2, the area of the
+# least island: an island at the tip of a limb spares so much distortion that its own small mass
+# would not hold it.
+_THRESHOLD = 0.3
+_PLATEAU = 0.5
 # Crumbs up to this part of the area of their node, or of this many faces, are relabelled: faces
 # at the tips of a jagged interface. Larger ones are turned over and the node is solved again,
 # each round with a heavier connectedness term.
 _CRUMB_SHARE = 1e-3
 _CRUMB_FACES = 4
 _REPAIR_ROUNDS = 4
+_REPAIR_STEPS = 1000
 # Normals closer than this are the same; a split by normals is +-tanh of this many deviations.
 _SAME_NORMALS = 1e-9
 _SPLIT_SLOPE = 6.0
@@ -135,8 +137,7 @@ class Diagnostics:
     relabelled_area : float
         Their part of the area of the node.
     level_set : float
-        Value of w (chi(u) - chi(-u)), w the parent's indicator, averaged over a face, that
-        separates the sharp segments.
+        Value of u, averaged over a face, that separates the sharp segments.
     """
 
     level: int
@@ -801,7 +802,12 @@ class _NodeSolver:
 
     def resolve(self, weight: float) -> None:
         """Solve again from the present field with a heavier connectedness term."""
-        self._stage(self.node.settings.epsilon, weight=weight, last=True)
+        self._stage(
+            self.node.settings.epsilon,
+            weight=weight,
+            last=True,
+            max_iterations=min(_REPAIR_STEPS, self.node.settings.max_iterations),
+        )
 
     def _start(self, stages: list[float]) -> None:
         """Set the field that the first stage starts from; drop the stages that are done."""
@@ -878,6 +884,8 @@ class _NodeSolver:
                 node.surface,
                 epsilon,
                 weight=node.weight,
+                # Only these become segments: a bridge through a neighbour's faces is none.
+                inside=node.faces,
                 threshold=_THRESHOLD,
                 plateau=_PLATEAU,
                 saturation=epsilon**2,
@@ -961,19 +969,23 @@ class _NodeSolver:
 
         The level is the one that halves the area of the node's faces: 0, by symmetry, but for
         the size of a face, which the finest segments feel. Where the area is only penalised,
-        or free, it is 0.
+        or free, it is 0. Where that level would tear a segment which the connectedness
+        functional holds together, it is the nearest that the functional sees beyond.
         """
-        chi = indicator(self.u, self.node.settings.delta)
-        faces = np.flatnonzero(self.node.faces)
-        difference = self.node.surface.face_mean(self.inside * (2 * chi - 1))[faces]
+        node, settings = self.node, self.node.settings
+        values = node.surface.face_mean(self.u)
+        faces = np.flatnonzero(node.faces)
         level = 0.0
-        if self.node.settings.area == "lagrangian":
-            order = np.argsort(-difference, kind="stable")
-            areas = np.cumsum(self.node.surface.face_areas[faces[order]])
+        if settings.area == "lagrangian":
+            order = np.argsort(-values[faces], kind="stable")
+            areas = np.cumsum(node.surface.face_areas[faces[order]])
             half = int(np.argmin(np.abs(areas - 0.5 * areas[-1])))
-            level = float(difference[order[half]])
-        positive = np.zeros_like(self.node.faces)
-        positive[faces[difference >= level]] = True
+            level = float(values[faces[order[half]]])
+        positive = node.faces & (values >= level)
+        held = float(np.clip(level, -_THRESHOLD, _THRESHOLD))
+        if settings.connected and level != held and _count_components(node, positive) != (1, 1):
+            level = held
+            positive = node.faces & (values >= level)
         return positive, level
 
     def repair(self, crumbs: NDArray[np.bool_], positive: NDArray[np.bool_]) -> bool:

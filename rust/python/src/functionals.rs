@@ -116,7 +116,7 @@ pub struct Connectedness(core::Connectedness);
 #[pymethods]
 impl Connectedness {
     #[new]
-    #[pyo3(signature = (mesh, threshold, weight=None, phase="both", form="pairs", saturation=None, plateau=1.0))]
+    #[pyo3(signature = (mesh, threshold, weight=None, phase="both", form="pairs", saturation=None, plateau=1.0, inside=None))]
     fn new(
         mesh: &TriangleMesh,
         threshold: f64,
@@ -125,6 +125,7 @@ impl Connectedness {
         form: &str,
         saturation: Option<f64>,
         plateau: f64,
+        inside: Option<PyReadonlyArray1<'_, bool>>,
     ) -> PyResult<Self> {
         let phases = match phase {
             "both" => Phases::Both,
@@ -146,11 +147,16 @@ impl Connectedness {
             }
         };
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
+        let inside = inside.as_ref().map(|faces| faces.as_slice()).transpose()?;
         core::Connectedness::new(mesh.core.clone(), threshold, weight, phases)
             .and_then(|functional| functional.with_plateau(plateau))
             .and_then(|functional| match saturation {
                 None => Ok(functional),
                 Some(area) => functional.with_saturation(area),
+            })
+            .and_then(|functional| match inside {
+                None => Ok(functional),
+                Some(inside) => functional.within(inside),
             })
             .map(|functional| Self(functional.with_form(form)))
             .map_err(to_python)

@@ -56,7 +56,7 @@ pub struct Connectedness {
     phases: Phases,
     form: Form,
     saturation: Option<f64>,
-    /// area x mean w of every face, 0 outside the parent
+    /// area x mean w of every face
     measure: Vec<f64>,
     inside: Vec<bool>,
     /// (D_f + D_g) / 4 / w of every half-edge, so that the weight is (F_f + F_g) scale
@@ -116,15 +116,8 @@ impl Connectedness {
             .map(|f| weight.map_or(1.0, |w| mesh.face_mean(w, f)))
             .collect();
         let inside: Vec<bool> = indicator.iter().map(|&w| w >= OUTSIDE).collect();
-        let measure = (0..mesh.n_faces())
-            .map(|f| {
-                if inside[f] {
-                    mesh.areas()[f] * indicator[f]
-                } else {
-                    0.0
-                }
-            })
-            .collect();
+        let measure = mesh.areas().iter().zip(&indicator);
+        let measure = measure.map(|(area, w)| area * w).collect();
         let diameters = mesh.diameters();
         let scale = mesh
             .neighbours()
@@ -152,6 +145,18 @@ impl Connectedness {
             scale,
             workspaces: Mutex::default(),
             searches: Mutex::default(),
+        })
+    }
+
+    /// Takes these faces for the parent instead of those where its indicator is at least 1/4.
+    ///
+    /// # Errors
+    /// `inside` of another length than there are faces.
+    pub fn within(self, inside: &[bool]) -> Result<Self> {
+        check_length("inside", inside.len(), self.mesh.n_faces())?;
+        Ok(Self {
+            inside: inside.to_vec(),
+            ..self
         })
     }
 

@@ -14,7 +14,9 @@ use crate::operators::Stiffness;
 use crate::potentials::{chi, chi_prime};
 
 /// Weight of the sharp law's penalty relative to 1 / epsilon^2.
-const SHARP_PENALTY: f64 = 30.0;
+const SHARP_PENALTY: f64 = 60.0;
+/// By how much the other phase has to prevail, 1 - 2 c, for the sharp law to penalise s.
+const SHARP_MARGIN: f64 = 0.5;
 
 /// How the indicator c = w chi(u) enters the diffuse Yamabe equation
 ///
@@ -27,13 +29,15 @@ pub enum Law {
     /// acts on a layer of width epsilon and stays of order one there. J is several times the
     /// energy of the sharp problem on features that are small beside the unit of length.
     Paper,
-    /// a = 1, b = 1 - q, p = (30 q + eta) / epsilon^2 with q = max(0, 1 - 2 c)^2.
+    /// a = 1, b = 1 - q, p = (60 q + eta) / epsilon^2 with q = max(0, 1 - 4 c)^2.
     ///
     /// The penalisation of a fictitious domain (Angot, Bruneau, Fabrie 1999): q vanishes where
-    /// the phase prevails and s decays within epsilon / sqrt(30) where it does not, so that J
-    /// tends to the energy of the sharp problem with s = 0 on u = 0, from above and with an
-    /// error of order epsilon relative to the size of the segment, in any unit of length. A mixed phase,
-    /// u = 0, belongs to both segments and is confined by none: mixing is never rewarded.
+    /// the phase prevails, up to c = 1/4 or u = -0.35 of the other one, and s decays within
+    /// epsilon / sqrt(60) beyond, so that J tends to the energy of the sharp problem with s = 0 on
+    /// u = 0, from above and with an error of order epsilon relative to the size of the segment,
+    /// in any unit of length. A mixed phase, u = 0, belongs to both segments and is confined by
+    /// none: mixing is never rewarded. Penalised from c = 1/2 on, a spot of the other phase on a peak
+    /// of s would hold it at 0 while too faint for the sharp segments to show.
     Sharp,
 }
 
@@ -83,8 +87,8 @@ impl Law {
                 penalty_prime: -1.0 / epsilon,
             },
             Self::Sharp => {
-                let t = (1.0 - 2.0 * c).max(0.0);
-                let (q, q_prime) = (t * t, -4.0 * t);
+                let t = ((1.0 - SHARP_MARGIN - 2.0 * c) / (1.0 - SHARP_MARGIN)).max(0.0);
+                let (q, q_prime) = (t * t, -4.0 * t / (1.0 - SHARP_MARGIN));
                 let scale = SHARP_PENALTY / (epsilon * epsilon);
                 Coefficients {
                     source: 1.0 - q,
