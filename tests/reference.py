@@ -406,8 +406,8 @@ def yamabe_coefficients(c, epsilon, law, eta):
     # so that s = 0 on the interface in the limit; the mixed phase c = 1/2 goes unpunished.
     t = np.maximum(0.0, 1.0 - 4.0 * c)
     q, dq = t**2, -8.0 * t
-    values = (one, 1.0 - q, (60.0 * q + eta) / epsilon**2)
-    return values, (0.0 * one, -dq, 60.0 * dq / epsilon**2)
+    values = (one, 1.0 - q, (30.0 * q + eta) / epsilon**2)
+    return values, (0.0 * one, -dq, 30.0 * dq / epsilon**2)
 
 
 def yamabe(vertices, faces, c, epsilon, law, eta):

@@ -153,3 +153,15 @@ def test_help(command):
     result = run(command, "--help", env={"COLUMNS": "200", "PATH": ""})
     assert result.returncode == 0
     assert command in result.stdout
+
+
+def test_distortion_with_free_areas_and_the_printed_law(tmp_path, model):
+    out = tmp_path / "out.npz"
+    options = ["--levels", 1, "--distortion", 3, "--no-connected"]
+    result = run("segment", model, "-o", out, *options)
+    assert result.returncode == 0, result.stderr
+    kept = pa.SegmentTree.load(out)
+    result = run("segment", model, "-o", out, *options, "--area", "none", "--law", "paper")
+    assert result.returncode == 0, result.stderr
+    free = pa.SegmentTree.load(out)
+    assert abs(kept.diagnostics[0].violation) < 1e-5 < abs(free.diagnostics[0].violation)

@@ -488,6 +488,23 @@ def test_rejects_bad_epsilon(small, epsilon):
         pa.functionals.Connectedness(small, epsilon)
 
 
+@pytest.mark.parametrize("form", ["pairs", "tree"])
+def test_only_the_faces_of_the_parent_count(surfaces, smooth_weight, form):
+    u, weight, epsilon = separate_bumps(surfaces, 0), smooth_weight(surfaces), 0.1
+    inside = np.asarray(surfaces.vertices)[np.asarray(surfaces.faces)].mean(axis=1) @ [1, 2, 3]
+    inside = inside > np.median(inside)
+    functional = pa.functionals.Connectedness(
+        surfaces, epsilon, weight=weight, inside=inside, form=form
+    )
+    expected = twin(surfaces, -u, epsilon, weight, inside=inside, form=form)
+    check_agreement(functional.value_and_gradient(-u), expected)
+
+
+def test_rejects_faces_of_another_number(small):
+    with pytest.raises(ValueError, match=r"inside.*81.*80"):
+        pa.functionals.Connectedness(small, 0.1, inside=np.ones(81, dtype=bool))
+
+
 def test_tree_is_no_smaller_and_zero_alike(surfaces, smooth_field):
     epsilon = 0.1
     pairs = pa.functionals.Connectedness(surfaces, epsilon)

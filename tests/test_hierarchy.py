@@ -329,13 +329,35 @@ def test_distortion_cuts_along_a_limb(wand):
     assert along.diagnostics[0].energy < stuck.diagnostics[0].energy
 
 
-@pytest.mark.parametrize("distortion", [0.0, 3.0])
-def test_a_node_is_solved_on_its_part_of_the_surface(star, monkeypatch, distortion):
-    parent = pa.segment(star, 1)
-    start = np.stack([parent.fields[0], *pa.segment(star, 2).fields[1:]])
-    on_parts = pa.segment(star, 2, initial=start, distortion=distortion)
+def test_a_node_is_solved_on_its_part_of_the_surface(star, monkeypatch):
+    start = pa.segment(star, 2).fields
+    support, parts = hierarchy._support, []
+
+    def kept(node):
+        parts.append((node, support(node)))
+        return parts[-1][1]
+
+    monkeypatch.setattr(hierarchy, "_support", kept)
+    on_parts = pa.segment(star, 2, initial=start)
+    assert any(found for _, found in parts)
+    for (whole, found), field in zip(parts, on_parts.fields, strict=True):
+        if found is None:
+            continue
+        part, vertices, faces = found
+        assert len(faces) < 0.8 * star.n_faces
+        epsilon = whole.settings.epsilon
+        for functional in (
+            pa.functionals.Perimeter,
+            pa.functionals.Area,
+            pa.functionals.Distortion,
+        ):
+            values = [
+                functional(node.surface, epsilon, weight=node.weight).value_and_gradient(u)[0]
+                for node, u in ((whole, field), (part, field[vertices]))
+            ]
+            assert values[1] == pytest.approx(values[0], rel=1e-5)
     monkeypatch.setattr(hierarchy, "_support", lambda node: None)
-    on_the_whole = pa.segment(star, 2, initial=start, distortion=distortion)
+    on_the_whole = pa.segment(star, 2, initial=start)
     for part, whole in zip(on_parts.diagnostics, on_the_whole.diagnostics, strict=True):
         assert part.energy == pytest.approx(whole.energy, rel=1e-4)
     assert (on_parts.labels != on_the_whole.labels).mean() < 1e-3

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import rich.progress
@@ -45,7 +45,19 @@ class Flatten(enum.StrEnum):
     lscm = "lscm"
 
 
+class Law(enum.StrEnum):
+    sharp = "sharp"
+    paper = "paper"
+
+
+class Area(enum.StrEnum):
+    lagrangian = "lagrangian"
+    penalty = "penalty"
+    none = "none"
+
+
 class Initial(enum.StrEnum):
+    auto = "auto"
     random = "random"
     normals = "normals"
 
@@ -71,7 +83,16 @@ DistortionOption = Annotated[
     ),
 ]
 SolverOption = Annotated[Solver, typer.Option(help="Optimiser.")]
-Start = Annotated[Initial, typer.Option(help="Start: random values or two clusters of normals.")]
+LawOption = Annotated[Law, typer.Option(help="Of the distortion: how a phase confines its map.")]
+AreaOption = Annotated[
+    Area, typer.Option(help="Meet equal areas, only penalise their deviation, or leave them free.")
+]
+Start = Annotated[
+    Initial,
+    typer.Option(
+        help="Start: random values, two clusters of normals, or, with distortion, the best of some."
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Seed of the random start.", min=0)]
 FlattenOption = Annotated[
     Flatten, typer.Option(help="Chart map: least-squares conformal, or boundary-first.")
@@ -88,14 +109,27 @@ def segment_command(
     levels: Levels = 3,
     connected: Connected = True,
     distortion: DistortionOption = 0.0,
+    law: LawOption = Law.sharp,
+    area: AreaOption = Area.lagrangian,
     epsilon: Epsilon = None,
     solver: SolverOption = Solver.lbfgs,
-    initial: Start = Initial.random,
+    initial: Start = Initial.auto,
     seed: Seed = 0,
 ) -> None:
     """Segment a mesh into 2^levels connected segments of equal area."""
     _check_output(output, [mesh], ".npz", ".ply")
-    tree = _segment(load(mesh), levels, connected, distortion, epsilon, solver, initial, seed)
+    tree = _segment(
+        load(mesh),
+        levels,
+        connected=connected,
+        distortion=distortion,
+        law=law.value,
+        area=area.value,
+        epsilon=epsilon,
+        solver=solver.value,
+        initial=initial.value,
+        seed=seed,
+    )
     if output.suffix.lower() == ".npz":
         tree.save(output)
     else:
@@ -112,9 +146,11 @@ def atlas_command(
     levels: Levels = 3,
     connected: Connected = True,
     distortion: DistortionOption = 0.0,
+    law: LawOption = Law.sharp,
+    area: AreaOption = Area.lagrangian,
     epsilon: Epsilon = None,
     solver: SolverOption = Solver.lbfgs,
-    initial: Start = Initial.random,
+    initial: Start = Initial.auto,
     seed: Seed = 0,
     flatten: FlattenOption = Flatten.bff,
     texture: Annotated[
@@ -128,7 +164,18 @@ def atlas_command(
     """Segment a mesh, flatten the segments and write it with a blended texture."""
     _check_output(output, [mesh] if texture is None else [mesh, texture], ".glb", ".obj")
     image = None if texture is None else load_image(texture)
-    tree = _segment(load(mesh), levels, connected, distortion, epsilon, solver, initial, seed)
+    tree = _segment(
+        load(mesh),
+        levels,
+        connected=connected,
+        distortion=distortion,
+        law=law.value,
+        area=area.value,
+        epsilon=epsilon,
+        solver=solver.value,
+        initial=initial.value,
+        seed=seed,
+    )
     atlas = build_atlas(tree, flatten=flatten.value, resolution=resolution)
     atlas.save(output, texture=image, resolution=resolution)
     _print_tree(tree)
@@ -177,7 +224,7 @@ def demo(
     folder.mkdir(parents=True, exist_ok=True)
     surface = datasets.starfish()
     start = time.perf_counter()
-    tree = _segment(surface, levels, True, 0.0, None, Solver.lbfgs, Initial.random, 0)
+    tree = _segment(surface, levels)
     segmented = time.perf_counter()
     atlas = build_atlas(tree, resolution=2048)
     flattened = time.perf_counter()
@@ -225,28 +272,9 @@ def _check_output(output: Path, inputs: list[Path], *suffixes: str) -> None:
             raise ValueError(f"output: {path} would overwrite an input")
 
 
-def _segment(
-    surface: Surface,
-    levels: int,
-    connected: bool,
-    distortion: float,
-    epsilon: float | None,
-    solver: Solver,
-    initial: Initial,
-    seed: int,
-) -> SegmentTree:
+def _segment(surface: Surface, levels: int, **options: Any) -> SegmentTree:
     with _progress(levels) as report:
-        return segment(
-            surface,
-            levels,
-            connected=connected,
-            distortion=distortion,
-            epsilon=epsilon,
-            solver=solver.value,
-            initial=initial.value,
-            seed=seed,
-            progress=report,
-        )
+        return segment(surface, levels, progress=report, **options)
 
 
 @contextmanager

@@ -300,7 +300,7 @@ class Distortion:
     epsilon : float
         Interface width, a length.
     law : {"sharp", "paper"}
-        How the phase enters the equation. "sharp" penalises s by 60 max(0, 1 - 4 chi)^2 /
+        How the phase enters the equation. "sharp" penalises s by 30 max(0, 1 - 4 chi)^2 /
         epsilon^2, which tends to s = 0 on the interface and never rewards a mixed phase;
         "paper" is (12) as printed, penalty (1 - chi) / epsilon and diffusion chi + eta, whose
         limit is a Robin condition.

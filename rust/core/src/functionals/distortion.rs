@@ -14,7 +14,7 @@ use crate::operators::Stiffness;
 use crate::potentials::{chi, chi_prime};
 
 /// Weight of the sharp law's penalty relative to 1 / epsilon^2.
-const SHARP_PENALTY: f64 = 60.0;
+const SHARP_PENALTY: f64 = 30.0;
 /// By how much the other phase has to prevail, 1 - 2 c, for the sharp law to penalise s.
 const SHARP_MARGIN: f64 = 0.5;
 
@@ -29,11 +29,11 @@ pub enum Law {
     /// acts on a layer of width epsilon and stays of order one there. J is several times the
     /// energy of the sharp problem on features that are small beside the unit of length.
     Paper,
-    /// a = 1, b = 1 - q, p = (60 q + eta) / epsilon^2 with q = max(0, 1 - 4 c)^2.
+    /// a = 1, b = 1 - q, p = (30 q + eta) / epsilon^2 with q = max(0, 1 - 4 c)^2.
     ///
     /// The penalisation of a fictitious domain (Angot, Bruneau, Fabrie 1999): q vanishes where
     /// the phase prevails, up to c = 1/4 or u = -0.35 of the other one, and s decays within
-    /// epsilon / sqrt(60) beyond, so that J tends to the energy of the sharp problem with s = 0 on
+    /// epsilon / sqrt(30) beyond, so that J tends to the energy of the sharp problem with s = 0 on
     /// u = 0, from above and with an error of order epsilon relative to the size of the segment,
     /// in any unit of length. A mixed phase, u = 0, belongs to both segments and is confined by
     /// none: mixing is never rewarded. Penalised from c = 1/2 on, a spot of the other phase on a peak
