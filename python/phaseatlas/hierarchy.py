@@ -441,8 +441,8 @@ def segment(
     initial : {"auto", "random", "normals"} or array, default "auto"
         Random values in [-1, 1], two clusters of normals, or fields of shape (n,) for the root
         or (2**levels - 1, n) for all nodes. "auto" is "random" without distortion, and with it
-        the best of several starts after a few steps: random values, the segments of least
-        perimeter, and a split along each principal axis of the normals.
+        the best of three solves: from random values, from the split along a principal axis of the
+        normals that is best after a few steps, and from the segments of least perimeter.
     seed : int, default 0
         Of the random values.
     solver : {"lbfgs", "ipopt"}
@@ -789,9 +789,35 @@ class _NodeSolver:
 
     def solve(self) -> None:
         """Halve epsilon down to its value, each stage from the minimiser of the last."""
-        stages = self._stages()
-        if self.node.initial is None:
-            self._start(stages)
+        stages, settings = self._stages(), self.node.settings
+        if self.node.initial is not None or settings.distortion == 0:
+            if self.node.initial is None:
+                self._start(stages)
+            self._descend(stages)
+            return
+        # None of these is the best start everywhere, and a wide interface does not tell.
+        starts: dict[str, list[Callable[[float], None]]] = {
+            "random": [self._parted_noise],
+            "normals": [self._clustered],
+            "auto": [self._parted_noise, self._split_by_normals, self._shortest],
+        }
+        best: tuple[Any, ...] = (np.inf,)
+        for start in starts[settings.initial]:
+            self.multiplier, self.penalty = 0.0, settings.penalty
+            start(stages[0])
+            self._descend(stages)
+            if self.energy < best[0]:
+                best = (
+                    self.energy,
+                    self.u,
+                    self.multiplier,
+                    self.penalty,
+                    self.violation,
+                    self.converged,
+                )
+        self.energy, self.u, self.multiplier, self.penalty, self.violation, self.converged = best
+
+    def _descend(self, stages: list[float]) -> None:
         for k, epsilon in enumerate(stages):
             last = k == len(stages) - 1
             self._stage(epsilon, last=last)
@@ -810,45 +836,44 @@ class _NodeSolver:
         )
 
     def _start(self, stages: list[float]) -> None:
-        """Set the field that the first stage starts from; drop the stages that are done."""
-        settings = self.node.settings
-        if settings.distortion == 0:
-            self.u = _noise(self.node) if settings.initial != "normals" else _clusters(self.node)
-            if len(stages) > 1:
-                # The widest interface is found by its perimeter alone: noise has hundreds of
-                # components.
-                self._stage(stages.pop(0), alone=True)
-            return
-        if settings.initial == "normals":
-            self.u = _clusters(self.node)
-            return
-        fields = [self._parted_noise(stages[0])]
-        if settings.initial == "auto":
-            fields += [self._shortest(stages[0]), *_splits_of_normals(self.node, self.inside)]
-        rivals = [(0.0, u, 0.0, settings.penalty) for u in fields]
+        """Set the field without distortion to start from; drop the stages that are done."""
+        self.u = (
+            _clusters(self.node) if self.node.settings.initial == "normals" else _noise(self.node)
+        )
+        if len(stages) > 1:
+            # The widest interface is found by its perimeter alone: noise has hundreds of
+            # components.
+            self._stage(stages.pop(0), alone=True)
+
+    def _clustered(self, _: float) -> None:
+        """Set two clusters of normals."""
+        self.u = _clusters(self.node)
+
+    def _parted_noise(self, epsilon: float) -> None:
+        """Set random values after the few steps in which they part into a labyrinth of phases."""
+        self.u = _noise(self.node)
+        self._stage(0.5 * epsilon, alone=True, max_iterations=_NOISE_STEPS)
+
+    def _split_by_normals(self, epsilon: float) -> None:
+        """Set the split along the principal axis of the normals that is best after some steps."""
+        rivals = [(0.0, u, 0.0, self.penalty) for u in _splits_of_normals(self.node, self.inside)]
         steps = _START_STEPS
         while len(rivals) > 1:
             tried = []
             for _, self.u, self.multiplier, self.penalty in rivals:
-                self._stage(stages[0], max_iterations=steps)
+                self._stage(epsilon, max_iterations=steps)
                 tried.append((self.energy, self.u, self.multiplier, self.penalty))
             tried.sort(key=lambda rival: rival[0])
             rivals = tried[: len(tried) // 2]
             steps *= 2
-        _, self.u, self.multiplier, self.penalty = rivals[0]
+        if rivals:
+            _, self.u, self.multiplier, self.penalty = rivals[0]
 
-    def _parted_noise(self, epsilon: float) -> Floats:
-        """Random values after the few steps in which they part into a labyrinth of phases."""
-        self.u = _noise(self.node)
-        self._stage(0.5 * epsilon, alone=True, max_iterations=_NOISE_STEPS)
-        return self.u
-
-    def _shortest(self, epsilon: float) -> Floats:
-        """The segments of least perimeter."""
+    def _shortest(self, epsilon: float) -> None:
+        """Set the field of least perimeter."""
         self.u = _noise(self.node)
         for stage in self._halved(epsilon, _COARSEST):
             self._stage(stage, alone=True)
-        return self.u
 
     def _stages(self) -> list[float]:
         settings = self.node.settings
