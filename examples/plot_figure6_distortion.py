@@ -24,7 +24,7 @@ arguments.add_argument("--subdivisions", type=int, default=6, help="of the icosa
 arguments.add_argument("--law", choices=["sharp", "paper"], help="one law only; both by default")
 arguments = arguments.parse_args()
 laws = [arguments.law] if arguments.law else ["sharp", "paper"]
-subdivisions = 3 if arguments.quick else arguments.subdivisions
+subdivisions = 4 if arguments.quick else arguments.subdivisions
 size = 120 if arguments.quick else 190
 
 radius = 0.0115 / datasets.icosphere(6).mean_edge_length

@@ -23,7 +23,7 @@ arguments = parser(__file__, __doc__).parse_args()
 size = 110 if arguments.quick else 260
 direction = (0.15, -0.9, 1.3)
 
-cells = 48 if arguments.quick else 110
+cells = 72 if arguments.quick else 110
 sheet = datasets.sheet(cells, cells, size=(4.0, 4.0), amplitude=0.6, periods=2)
 unit_length = np.sqrt(sheet.area)
 unit = sheet.scaled(1 / unit_length)

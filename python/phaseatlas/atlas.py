@@ -285,9 +285,9 @@ def _widest(
     for threshold in thresholds:
         maps = _maps(tree, leaf, threshold, flatten)
         spread = sum(_spread(tree.surface, chart) for chart in maps)
-        if spread <= _FREE_SPREAD:
-            return maps
         tried.append((spread, maps))
+        if tried[0][0] <= _FREE_SPREAD:
+            return maps
     bound = _FREE_SPREAD + _WIDENING * min(spread for spread, _ in tried)
     return next(maps for spread, maps in tried if spread <= bound)
 
