@@ -117,6 +117,10 @@ pub struct Connectedness(core::Connectedness);
 impl Connectedness {
     #[new]
     #[pyo3(signature = (mesh, threshold, weight=None, phase="both", form="pairs", saturation=None, plateau=1.0, inside=None))]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "they are those of the Python class"
+    )]
     fn new(
         mesh: &TriangleMesh,
         threshold: f64,
