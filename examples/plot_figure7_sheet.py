@@ -23,11 +23,11 @@ arguments = parser(__file__, __doc__).parse_args()
 size = 110 if arguments.quick else 260
 direction = (0.15, -0.9, 1.3)
 
-cells = 72 if arguments.quick else 110
+cells = 80 if arguments.quick else 110
 sheet = datasets.sheet(cells, cells, size=(4.0, 4.0), amplitude=0.6, periods=2)
 unit_length = np.sqrt(sheet.area)
 unit = sheet.scaled(1 / unit_length)
-epsilon, omega = (0.2 if arguments.quick else 0.1) / unit_length, 10 * unit_length
+epsilon, omega = (0.13 if arguments.quick else 0.1) / unit_length, 10 * unit_length
 # At the border of the sheet the angle defect is the geodesic curvature of the border.
 curvature = np.where(sheet.on_border, 0.0, sheet.angle_defects / sheet.mass)
 print(f"epsilon / h  {epsilon / unit.mean_edge_length:.3g}")
