@@ -777,6 +777,7 @@ class _NodeSolver:
         self.area = Area(
             surface, node.settings.epsilon, delta=node.settings.delta, weight=node.weight
         )
+        self.size = float(np.sqrt(self.area.total))
         self.u = np.zeros(surface.n_vertices) if node.initial is None else node.initial
         self.multiplier = 0.0
         self.penalty = node.settings.penalty
@@ -872,23 +873,23 @@ class _NodeSolver:
     def _shortest(self, epsilon: float) -> None:
         """Set the field of least perimeter."""
         self.u = _noise(self.node)
-        for stage in self._halved(epsilon, _COARSEST):
+        for stage in self._halved(epsilon, self.size * _COARSEST):
             self._stage(stage, alone=True)
 
     def _stages(self) -> list[float]:
         settings = self.node.settings
         if settings.coarsest is not None:
-            coarsest = settings.coarsest / float(np.sqrt(self.area.total))
+            coarsest = settings.coarsest
         elif self.node.initial is not None:
             coarsest = 0.0
         else:
-            coarsest = _COARSEST_DISTORTED if settings.distortion > 0 else _COARSEST
+            coarsest = self.size * (_COARSEST_DISTORTED if settings.distortion > 0 else _COARSEST)
         return self._halved(settings.epsilon, coarsest)
 
     def _halved(self, epsilon: float, coarsest: float) -> list[float]:
-        """Halving widths down to `epsilon`, from at most `coarsest` relative to the segment."""
+        """Halving widths down to `epsilon`, from at most `coarsest`."""
         stages = [epsilon]
-        while 2 * stages[0] <= coarsest * np.sqrt(self.area.total):
+        while 2 * stages[0] <= coarsest:
             stages.insert(0, 2 * stages[0])
         return stages
 
