@@ -203,3 +203,49 @@ def test_phase_field_halves_a_strip():
     profile = np.tanh(3.0 * x / (2.0 * np.sqrt(2.0) * epsilon))
     # Cells of a third of epsilon: the steepest part of the profile is off by (h / epsilon)^2 / 4.
     assert np.abs(result.u - profile).max() < 0.03
+
+
+class Kinked:
+    """E(u) = sum |u_i| + 1/2 d (u - c)^2, with a kink wherever an entry is 0."""
+
+    def __init__(self, d, c):
+        self.d, self.c = d, c
+
+    def value_and_gradient(self, u):
+        value = np.abs(u).sum() + 0.5 * self.d @ (u - self.c) ** 2
+        return float(value), np.sign(u) + self.d * (u - self.c)
+
+
+def test_kinks_do_not_stop_a_descent():
+    rng = np.random.default_rng(1)
+    d, c = 10.0 ** rng.uniform(-0.5, 0.5, 30), rng.uniform(-2.0, 2.0, 30)
+    result = minimise(
+        [(1.0, Kinked(d, c))],
+        Linear(np.ones(30)),
+        TARGET,
+        rng.standard_normal(30),
+        scale=np.sqrt(d),
+        area="none",
+        tolerance=1e-12,
+    )
+    # Soft thresholding.
+    u = np.sign(c) * np.maximum(np.abs(c) - 1.0 / d, 0.0)
+    least = Kinked(d, c).value_and_gradient(u)[0]
+    assert least <= result.energy <= least + 1e-3 * abs(least)
+
+
+def test_a_long_plateau_is_crossed():
+    # The first steps are short beside the value: a test of single steps would stop there.
+    n = 50
+    d = np.full(n, 1e-3)
+    shift = Quadratic(np.zeros(n), np.zeros(n))
+    result = minimise(
+        [(1.0, Quadratic(d, np.full(n, 10.0))), (1.0, shift)],
+        Linear(np.ones(n)),
+        TARGET,
+        np.zeros(n),
+        scale=np.ones(n),
+        area="none",
+        tolerance=1e-10,
+    )
+    np.testing.assert_allclose(result.u, 10.0, atol=1e-2)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
+from . import _core
 from .functionals import Functional
 
 __all__ = [
@@ -31,6 +31,13 @@ AREA_CONSTRAINTS = get_args(AreaConstraint)
 _PENALTY_GROWTH = 4.0
 _SHRINK = 0.25
 _MAX_MULTIPLIER_UPDATES = 30
+# Pairs of L-BFGS; constants of the weak Wolfe conditions; bisections of a line search.
+_MEMORY = 10
+_DECREASE = 1e-4
+_CURVATURE = 0.9
+_MAX_TRIALS = 25
+# A descent ends where so many steps together gain too little: single ones may be short.
+_WINDOW = 5
 
 
 @dataclass(frozen=True)
@@ -69,8 +76,8 @@ class Result:
     iterations, evaluations : int
         Steps taken, and evaluations of all functionals.
     converged : bool
-        Whether the constraint is met and the last solve ended neither at the step limit nor in
-        a line search that failed twice.
+        Whether the constraint is met and the last solve ended neither at the step limit nor where
+        no step along the gradient lowers the value.
     """
 
     u: NDArray[np.float64]
@@ -130,6 +137,89 @@ class _Lagrangian:
         return value, gradient / self.scale
 
 
+class _Descent:
+    """L-BFGS from one point on, through changes of what it descends on.
+
+    Steps satisfy the weak Wolfe conditions, found by bisection (Lewis and Overton, 2013): at a
+    kink of the connectedness functional, where a path switches, the strong ones cannot be met.
+    """
+
+    def __init__(
+        self,
+        lagrangian: _Lagrangian,
+        x: NDArray[np.float64],
+        max_iterations: int,
+        callback: Callable[[Iteration], None] | None,
+    ) -> None:
+        self.lagrangian = lagrangian
+        self.memory = _core.LimitedMemory(len(x), _MEMORY)
+        self.x = x
+        self.max_iterations = max_iterations
+        self.callback = callback
+        self.iterations = 0
+        self.energy = np.inf
+        self.violation = np.inf
+
+    @property
+    def exhausted(self) -> bool:
+        return self.iterations >= self.max_iterations
+
+    def run(self, tolerance: float) -> bool:
+        """Descend until steps gain little; whether it ended there."""
+        value, gradient = self.lagrangian(self.x)
+        self._accept()
+        values = [value]
+        while not self.exhausted:
+            direction = self.memory.direction(gradient)
+            slope = float(direction @ gradient)
+            if slope >= 0 and len(self.memory) > 0:
+                self.memory.clear()
+                continue
+            if slope >= -np.finfo(float).eps * max(abs(value), 1.0):
+                return True
+            step = self._line_search(value, direction, slope)
+            if step is None:
+                if len(self.memory) == 0:
+                    return False
+                self.memory.clear()
+                continue
+            x, value, new_gradient = step
+            self.memory.update(x - self.x, new_gradient - gradient)
+            self.x, gradient = x, new_gradient
+            self.iterations += 1
+            if self.callback is not None:
+                self.callback(Iteration(self.iterations, self.energy, self.violation))
+            values.append(value)
+            if len(values) > _WINDOW:
+                gain = values.pop(0) - value
+                if gain <= _WINDOW * tolerance * max(abs(value), 1.0):
+                    return True
+        return False
+
+    def _line_search(
+        self, value: float, direction: NDArray[np.float64], slope: float
+    ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]] | None:
+        """Point of a step along `direction`, its value and gradient; None where all are higher."""
+        step, low, high = 1.0, 0.0, np.inf
+        found = None
+        for _ in range(_MAX_TRIALS):
+            x = self.x + step * direction
+            trial, gradient = self.lagrangian(x)
+            if not trial <= value + _DECREASE * step * slope:
+                high = step
+            else:
+                low = step
+                found = x, trial, gradient
+                self._accept()
+                if float(gradient @ direction) >= _CURVATURE * slope:
+                    break
+            step = 0.5 * (low + high) if high < np.inf else 2 * low
+        return found
+
+    def _accept(self) -> None:
+        self.energy, self.violation = self.lagrangian.energy, self.lagrangian.violation
+
+
 def minimise(
     terms: Sequence[tuple[float, Functional]],
     constraint: Functional,
@@ -141,7 +231,7 @@ def minimise(
     multiplier: float = 0.0,
     penalty: float = 100.0,
     feasibility: float = 1e-5,
-    tolerance: float = 1e-8,
+    tolerance: float = 1e-7,
     max_iterations: int = 5000,
     max_updates: int = _MAX_MULTIPLIER_UPDATES,
     callback: Callable[[Iteration], None] | None = None,
@@ -168,8 +258,8 @@ def minimise(
         First Lagrange multiplier and weight of the quadratic penalty.
     feasibility : float, default 1e-5
         Relative violation allowed.
-    tolerance : float, default 1e-8
-        A solve ends where a step lowers the value by less than this part of it.
+    tolerance : float, default 1e-7
+        A solve ends where the last steps lower the value by less than this part of it each.
     max_iterations : int, default 5000
         Limit on the steps of all solves together.
     max_updates : int, default 30
@@ -192,56 +282,27 @@ def minimise(
     if area != "none":
         lagrangian.multiplier = multiplier
         lagrangian.penalty = penalty
-    x = u * scale
-    iterations = 0
-
-    def report(_: NDArray[np.float64]) -> None:
-        nonlocal iterations
-        iterations += 1
-        if callback is not None:
-            callback(Iteration(iterations, lagrangian.energy, lagrangian.violation))
-
+    descent = _Descent(lagrangian, u * scale, max_iterations, callback)
     previous_violation = np.inf
     stopped_at_minimum = False
     for _ in range(max_updates):
-        for _ in range(2):
-            # A path of the connectedness functional that switches is a kink: a line search may
-            # fail there, and starts again with an empty memory.
-            solution = scipy.optimize.minimize(
-                lagrangian,
-                x,
-                jac=True,
-                method="L-BFGS-B",
-                callback=report,
-                options={
-                    "maxcor": 10,
-                    "maxiter": max(1, max_iterations - iterations),
-                    "maxfun": 20 * max_iterations,
-                    "ftol": tolerance,
-                    "gtol": 1e-12,
-                },
-            )
-            x = solution.x
-            stopped_at_minimum = solution.status == 0
-            if solution.status != 2:
-                break
-        lagrangian(x)
-        violation = abs(lagrangian.violation)
-        if area != "lagrangian" or violation <= feasibility or iterations >= max_iterations:
+        stopped_at_minimum = descent.run(tolerance)
+        violation = abs(descent.violation)
+        if area != "lagrangian" or violation <= feasibility or descent.exhausted:
             break
-        lagrangian.multiplier += lagrangian.penalty * lagrangian.violation
+        lagrangian.multiplier += lagrangian.penalty * descent.violation
         if violation > _SHRINK * previous_violation:
             lagrangian.penalty *= _PENALTY_GROWTH
         previous_violation = violation
     return Result(
-        u=x / scale,
-        energy=lagrangian.energy,
-        violation=lagrangian.violation,
+        u=descent.x / scale,
+        energy=descent.energy,
+        violation=descent.violation,
         multiplier=lagrangian.multiplier,
         penalty=lagrangian.penalty,
-        iterations=iterations,
+        iterations=descent.iterations,
         evaluations=lagrangian.evaluations,
         converged=stopped_at_minimum
-        and iterations < max_iterations
-        and (area != "lagrangian" or abs(lagrangian.violation) <= feasibility),
+        and not descent.exhausted
+        and (area != "lagrangian" or abs(descent.violation) <= feasibility),
     )

@@ -22,6 +22,7 @@ pub mod error;
 pub mod flatten;
 pub mod functionals;
 pub mod graph;
+pub mod lbfgs;
 pub mod linear;
 pub mod mesh;
 pub mod operators;

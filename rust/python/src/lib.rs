@@ -3,6 +3,7 @@
 mod flatten;
 mod functionals;
 mod graph;
+mod lbfgs;
 mod mesh;
 mod pool;
 mod raster;
@@ -25,6 +26,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<functionals::Area>()?;
     module.add_class::<functionals::Connectedness>()?;
     module.add_class::<functionals::Distortion>()?;
+    module.add_class::<lbfgs::LimitedMemory>()?;
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::cut_chart, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;
