@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import scipy.cluster.vq
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from . import _core, ipopt
+from .coarsen import Coarse, coarsen
 from .functionals import Area, Connectedness, Distortion, Perimeter, indicator
 from .io import write_whole
 from .optimise import AREA_CONSTRAINTS, AreaConstraint, Iteration, Result, minimise
@@ -32,6 +33,7 @@ __all__ = [
     "segment",
 ]
 
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Initial = Literal["auto", "random", "normals"]
@@ -44,6 +46,10 @@ _COARSEST = 0.2
 # With distortion it starts narrower: a limb that is thinner than the interface has no inside, and
 # the border must find the way along it before it has shrunk to its shortest.
 _COARSEST_DISTORTED = 0.1
+# An interface is resolved by edges of this part of epsilon; a simplified surface has edges a little
+# longer than twice those of the finer one. The distortion needs finer ones to tell good from bad.
+_RESOLVED = 0.65
+_RESOLVED_DISTORTED = 0.35
 _MINIMISE: dict[Solver, Callable[..., Result]] = {
     "lbfgs": minimise,
     "ipopt": ipopt.minimise,
@@ -52,8 +58,13 @@ _COARSE: dict[Solver, dict[str, Any]] = {
     "lbfgs": {"tolerance": 1e-5, "max_updates": 1},
     "ipopt": {"tolerance": 1e-5},
 }
-# The distortion is stiff: with 1e-8, as without it, half of the steps gain nothing.
-_DISTORTED: dict[Solver, dict[str, Any]] = {"lbfgs": {"tolerance": 1e-6}, "ipopt": {}}
+# The distortion is stiff: with 1e-7, as without it, most of the steps gain nothing.
+_DISTORTED: dict[Solver, dict[str, Any]] = {"lbfgs": {"tolerance": 3e-6}, "ipopt": {}}
+# Of starts whose energies differ by less than this part one goes on.
+_SAME_ENERGY = 1e-3
+# Random starts without distortion, and with it, where others join them.
+_RANDOM_STARTS = 8
+_NOISES = 3
 # First steps of each start: the better half of them goes on, for twice as many, until one is
 # left. Steps in which noise parts into phases.
 _START_STEPS = 20
@@ -71,6 +82,7 @@ _CRUMB_SHARE = 1e-3
 _CRUMB_FACES = 4
 _REPAIR_ROUNDS = 4
 _REPAIR_STEPS = 1000
+_COARSE_REPAIR_STEPS = 200
 # Normals closer than this are the same; a split by normals is +-tanh of this many deviations.
 _SAME_NORMALS = 1e-9
 _SPLIT_SLOPE = 6.0
@@ -174,6 +186,7 @@ class _Settings:
     seed: int
     solver: Solver
     max_iterations: int
+    coarse: bool
 
 
 @dataclass(frozen=True)
@@ -393,6 +406,7 @@ def segment(
     seed: int = 0,
     solver: Solver = "lbfgs",
     max_iterations: int = 5000,
+    coarse: bool = True,
     executor: Executor | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SegmentTree:
@@ -440,9 +454,10 @@ def segment(
         Of the distortion; see `functionals.Distortion`.
     initial : {"auto", "random", "normals"} or array, default "auto"
         Random values in [-1, 1], two clusters of normals, or fields of shape (n,) for the root
-        or (2**levels - 1, n) for all nodes. "auto" is "random" without distortion, and with it
-        the best of three solves: from random values, from the split along a principal axis of the
-        normals that is best after a few steps, and from the segments of least perimeter.
+        or (2**levels - 1, n) for all nodes. "auto" tries several starts on coarse surfaces and
+        goes on from the best, that of least energy and with no segment in pieces: eight of random
+        values; with distortion three of them, the split along a principal axis of the normals that
+        is best after a few steps, and the segments of least perimeter.
     seed : int, default 0
         Of the random values.
     solver : {"lbfgs", "ipopt"}
@@ -450,6 +465,9 @@ def segment(
         connectedness nor distortion takes part, limited memory where they do.
     max_iterations : int, default 5000
         Limit on the steps of each stage of a node.
+    coarse : bool, default True
+        Solve the stages of wide interfaces on simplified surfaces, whose edges are still about
+        half of the interface width.
     executor : concurrent.futures.Executor, optional
         Runs the nodes of a level side by side; the result does not depend on it.
     progress : callable, optional
@@ -490,6 +508,7 @@ def segment(
         seed=seed,
         solver=solver,
         max_iterations=max_iterations,
+        coarse=coarse,
     )
     if not 1 <= levels <= 16:
         raise ValueError(f"levels: {levels} must be in 1..16")
@@ -721,15 +740,15 @@ def _attempt(node: _Node, progress: Callable[[Progress], None] | None) -> _Split
         raise CollapsedError(
             f"level {node.level + 1}, node {node.index}: the "
             f"{'positive' if found[0] == 0 else 'negative'} phase is empty; the area is off by "
-            f"{100 * solver.violation:.2g} % of its target"
+            f"{100 * solver.state.violation:.2g} % of its target"
         )
     crumbs = np.zeros_like(positive)
     if node.settings.connected:
         crumbs = _crumbs(node, positive)
-        for k in range(_REPAIR_ROUNDS):
+        for _ in range(_REPAIR_ROUNDS):
             if not solver.repair(crumbs, positive):
                 break
-            solver.resolve(_REPAIR_GROWTH ** (k + 1))
+            solver.resolve()
             positive, level_set = solver.sharp()
             crumbs = _crumbs(node, positive)
         if not _small(node, crumbs):
@@ -745,17 +764,17 @@ def _attempt(node: _Node, progress: Callable[[Progress], None] | None) -> _Split
                 f"{components[0]} and {components[1]} components"
             )
     return _Split(
-        u=solver.u,
+        u=solver.state.u,
         positive=positive,
         diagnostics=Diagnostics(
             level=node.level,
             node=node.index,
-            energy=solver.energy,
+            energy=solver.state.energy,
             length=solver.length(),
-            violation=solver.violation,
+            violation=solver.state.violation,
             iterations=solver.iterations,
             evaluations=solver.evaluations,
-            converged=solver.converged,
+            converged=solver.state.converged,
             components=found,
             repairs=solver.repairs,
             relabelled_faces=int(crumbs.sum()),
@@ -765,118 +784,283 @@ def _attempt(node: _Node, progress: Callable[[Progress], None] | None) -> _Split
     )
 
 
+class _Level:
+    """A node on one surface of its hierarchy, and what is built once for it."""
+
+    def __init__(self, node: _Node, coarse: Coarse | None = None) -> None:
+        self.node = node
+        self._coarse = coarse
+        self.inside = np.ones(node.surface.n_vertices) if node.weight is None else node.weight
+        self.diagonal = node.surface.stiffness.diagonal()
+        settings = node.settings
+        self.area = Area(node.surface, settings.epsilon, delta=settings.delta, weight=node.weight)
+
+    @property
+    def map(self) -> Coarse:
+        """The maps from and to the finer surface, of which the finest has none."""
+        assert self._coarse is not None
+        return self._coarse
+
+    def coarser(self) -> _Level | None:
+        """The node on the simplified surface."""
+        node = self.node
+        coarse = coarsen(node.surface)
+        if coarse is None:
+            return None
+        inside = np.bincount(
+            node.surface.faces.reshape(-1),
+            np.repeat(node.faces * node.surface.face_areas, 3),
+            minlength=node.surface.n_vertices,
+        )
+        share: Floats = coarse.restriction @ (inside / (3 * node.surface.mass))
+        return _Level(
+            replace(
+                node,
+                surface=coarse.surface,
+                # Means of values up to 1 may round to more.
+                weight=None
+                if node.weight is None
+                else np.minimum(coarse.restriction @ node.weight, 1.0),
+                faces=coarse.surface.face_mean(share) >= 0.5,
+            ),
+            coarse,
+        )
+
+
+@dataclass(frozen=True)
+class _State:
+    """A field on one surface of the hierarchy, finest first, and where its solve ended.
+
+    `weight` multiplies the connectedness functional.
+    """
+
+    u: Floats
+    at: int
+    multiplier: float
+    penalty: float
+    weight: float = 1.0
+    energy: float = np.nan
+    violation: float = np.nan
+    converged: bool = False
+
+
+class _Stage(NamedTuple):
+    """An interface width and the surface of the hierarchy to solve on."""
+
+    epsilon: float
+    at: int
+
+
+class _Round(NamedTuple):
+    """How many starts go on after so many stages."""
+
+    stages: int
+    kept: int
+
+
+class _End(NamedTuple):
+    """Where a start has led, and the stages that are left."""
+
+    in_pieces: bool
+    state: _State
+    left: list[_Stage]
+
+
+_Start = Callable[[list[_Stage]], list[_Stage]]
+
+
 class _NodeSolver:
-    """The solves of one node and what is built once for all of them."""
+    """The solves of one node, from wide interfaces on coarse surfaces to the given ones."""
 
     def __init__(self, node: _Node, progress: Callable[[Progress], None] | None) -> None:
-        self.node = node
         self.progress = progress
-        surface = node.surface
-        self.inside = np.ones(surface.n_vertices) if node.weight is None else node.weight
-        self.diagonal = surface.stiffness.diagonal()
-        self.area = Area(
-            surface, node.settings.epsilon, delta=node.settings.delta, weight=node.weight
-        )
-        self.size = float(np.sqrt(self.area.total))
-        self.u = np.zeros(surface.n_vertices) if node.initial is None else node.initial
-        self.multiplier = 0.0
-        self.penalty = node.settings.penalty
-        self.energy = np.nan
-        self.violation = np.nan
+        self.levels = [_Level(node)]
+        self.size = float(np.sqrt(self.levels[0].area.total))
+        self.resolved = _RESOLVED if node.settings.distortion == 0 else _RESOLVED_DISTORTED
+        if node.settings.coarse and node.initial is None:
+            coarsest = node.settings.coarsest or self.size * _COARSEST
+            while 2 * self.levels[-1].node.surface.mean_edge_length <= self.resolved * coarsest:
+                coarser = self.levels[-1].coarser()
+                if coarser is None:
+                    break
+                self.levels.append(coarser)
+        u = np.zeros(node.surface.n_vertices) if node.initial is None else node.initial
+        self.state = _State(u, 0, 0.0, node.settings.penalty)
+        self.random = np.random.default_rng([node.settings.seed, node.level, node.index])
         self.iterations = 0
         self.evaluations = 0
         self.repairs = 0
-        self.converged = False
+
+    @property
+    def level(self) -> _Level:
+        return self.levels[self.state.at]
+
+    @property
+    def node(self) -> _Node:
+        return self.level.node
 
     def solve(self) -> None:
         """Halve epsilon down to its value, each stage from the minimiser of the last."""
-        stages, settings = self._stages(), self.node.settings
-        if self.node.initial is not None or settings.distortion == 0:
-            if self.node.initial is None:
-                self._start(stages)
+        stages = self._stages()
+        if self.node.initial is not None:
             self._descend(stages)
             return
-        # None of these is the best start everywhere, and a wide interface does not tell.
-        starts: dict[str, list[Callable[[float], None]]] = {
-            "random": [self._parted_noise],
-            "normals": [self._clustered],
-            "auto": [self._parted_noise, self._split_by_normals, self._shortest],
-        }
-        best: tuple[Any, ...] = (np.inf,)
-        for start in starts[settings.initial]:
-            self.multiplier, self.penalty = 0.0, settings.penalty
-            start(stages[0])
-            self._descend(stages)
-            if self.energy < best[0]:
-                best = (
-                    self.energy,
-                    self.u,
-                    self.multiplier,
-                    self.penalty,
-                    self.violation,
-                    self.converged,
-                )
-        self.energy, self.u, self.multiplier, self.penalty, self.violation, self.converged = best
+        starts, rounds = self._starts(), self._rounds(stages)
+        if rounds[-1].stages == 0:
+            # Nothing is cheap enough for more than one start.
+            starts = starts[:1]
+        rivals = []
+        for start in starts:
+            left = start(stages)
+            rivals.append((self.state, left))
+        for round_ in rounds:
+            ends = []
+            for self.state, left in rivals:
+                todo = max(0, round_.stages - (len(stages) - len(left)))
+                self._descend(left[:todo])
+                ends.append(_End(self._in_pieces(), self.state, left[todo:]))
+            rivals = [(end.state, end.left) for end in _best(ends, round_.kept)]
+        self.state, left = rivals[0]
+        self._descend(left)
 
-    def _descend(self, stages: list[float]) -> None:
-        for k, epsilon in enumerate(stages):
-            last = k == len(stages) - 1
-            self._stage(epsilon, last=last)
+    def _rounds(self, stages: list[_Stage]) -> list[_Round]:
+        """After which stages the starts are compared.
+
+        The perimeter tells soon; with distortion the widest interfaces do not.
+        """
+
+        def up_to(vertices: int) -> int:
+            sizes = [self.levels[stage.at].node.surface.n_vertices for stage in stages]
+            return sum(size <= vertices for size in sizes)
+
+        if self.node.settings.distortion == 0:
+            return [_Round(up_to(1000), 2), _Round(up_to(4000), 1)]
+        before_last = max(1, len(stages) - 1)
+        return [_Round(min(up_to(4000), before_last), 2), _Round(before_last, 1)]
+
+    def _starts(self) -> Sequence[_Start]:
+        """Ways to start, which set a field and return the stages that are left to do.
+
+        With distortion none is the best everywhere, and a wide interface does not tell.
+        """
+        settings = self.node.settings
+        if settings.distortion > 0:
+            return {
+                "random": [self._parted_noise],
+                "normals": [self._clustered],
+                "auto": [self._parted_noise] * _NOISES + [self._split_by_normals, self._shortest],
+            }[settings.initial]
+        return {
+            "random": [self._random],
+            "normals": [self._clustered],
+            "auto": [self._random, self._narrower_random] * (_RANDOM_STARTS // 2),
+        }[settings.initial]
+
+    def _descend(self, stages: list[_Stage]) -> None:
+        for stage in stages:
+            last = stage == _Stage(self.node.settings.epsilon, 0)
+            self.state = replace(self.state, weight=1.0)
+            self._stage(stage, last=last)
             if self.node.settings.connected and not last:
                 # A coarse stage is cheap to repair: what it leaves apart would have to grow a
                 # bridge, or melt, on the finer ones.
-                self.repair(*self._found_crumbs())
+                for _ in range(_REPAIR_ROUNDS):
+                    if not self.repair(*self._found_crumbs()):
+                        break
+                    self._stage(stage, max_iterations=_COARSE_REPAIR_STEPS)
 
-    def resolve(self, weight: float) -> None:
-        """Solve again from the present field with a heavier connectedness term."""
+    def resolve(self) -> None:
+        """Solve again from the present field."""
         self._stage(
-            self.node.settings.epsilon,
-            weight=weight,
+            _Stage(self.node.settings.epsilon, 0),
             last=True,
             max_iterations=min(_REPAIR_STEPS, self.node.settings.max_iterations),
         )
 
-    def _start(self, stages: list[float]) -> None:
-        """Set the field without distortion to start from; drop the stages that are done."""
-        self.u = (
-            _clusters(self.node) if self.node.settings.initial == "normals" else _noise(self.node)
-        )
-        if len(stages) > 1:
-            # The widest interface is found by its perimeter alone: noise has hundreds of
-            # components.
-            self._stage(stages.pop(0), alone=True)
+    def _random(self, stages: list[_Stage]) -> list[_Stage]:
+        """Random values, parted by the widest interface."""
+        self._set(stages[0].at, self._noise)
+        if len(stages) == 1:
+            return stages
+        # By the perimeter alone: noise has hundreds of components.
+        self._stage(stages[0], alone=True)
+        return stages[1:]
 
-    def _clustered(self, _: float) -> None:
-        """Set two clusters of normals."""
-        self.u = _clusters(self.node)
+    def _narrower_random(self, stages: list[_Stage]) -> list[_Stage]:
+        """Random values, parted by the second widest interface."""
+        return self._random(stages[1:] or stages)
 
-    def _parted_noise(self, epsilon: float) -> None:
-        """Set random values after the few steps in which they part into a labyrinth of phases."""
-        self.u = _noise(self.node)
-        self._stage(0.5 * epsilon, alone=True, max_iterations=_NOISE_STEPS)
+    def _clustered(self, stages: list[_Stage]) -> list[_Stage]:
+        """Two clusters of normals."""
+        self._set(stages[0].at, self._clusters)
+        return stages
 
-    def _split_by_normals(self, epsilon: float) -> None:
-        """Set the split along the principal axis of the normals that is best after some steps."""
-        rivals = [(0.0, u, 0.0, self.penalty) for u in _splits_of_normals(self.node, self.inside)]
+    def _parted_noise(self, stages: list[_Stage]) -> list[_Stage]:
+        """Random values after the few steps in which they part into a labyrinth of phases."""
+        stage = self._stage_of(0.5 * stages[0].epsilon)
+        self._set(stage.at, self._noise)
+        self._stage(stage, alone=True, max_iterations=_NOISE_STEPS)
+        return stages
+
+    def _split_by_normals(self, stages: list[_Stage]) -> list[_Stage]:
+        """The split along the principal axis of the normals that is best after some steps."""
+        level = self.levels[stages[0].at]
+        penalty = level.node.settings.penalty
+        rivals = [
+            _State(u, stages[0].at, 0.0, penalty)
+            for u in _splits_of_normals(level.node, level.inside)
+        ]
         steps = _START_STEPS
         while len(rivals) > 1:
             tried = []
-            for _, self.u, self.multiplier, self.penalty in rivals:
-                self._stage(epsilon, max_iterations=steps)
-                tried.append((self.energy, self.u, self.multiplier, self.penalty))
-            tried.sort(key=lambda rival: rival[0])
+            for self.state in rivals:
+                self._stage(stages[0], max_iterations=steps)
+                tried.append(self.state)
+            tried.sort(key=lambda state: state.energy)
             rivals = tried[: len(tried) // 2]
             steps *= 2
         if rivals:
-            _, self.u, self.multiplier, self.penalty = rivals[0]
+            self.state = rivals[0]
+        return stages
 
-    def _shortest(self, epsilon: float) -> None:
-        """Set the field of least perimeter."""
-        self.u = _noise(self.node)
-        for stage in self._halved(epsilon, self.size * _COARSEST):
+    def _shortest(self, stages: list[_Stage]) -> list[_Stage]:
+        """The field of least perimeter."""
+        widths = self._halved(stages[0].epsilon, self.size * _COARSEST)
+        wide = [self._stage_of(width) for width in widths]
+        self._set(wide[0].at, self._noise)
+        for stage in wide:
             self._stage(stage, alone=True)
+        return stages
 
-    def _stages(self) -> list[float]:
+    def _set(self, at: int, field: Callable[[_Node], Floats]) -> None:
+        node = self.levels[at].node
+        self.state = _State(field(node), at, 0.0, node.settings.penalty)
+
+    def _noise(self, node: _Node) -> Floats:
+        return self.random.uniform(-1, 1, node.surface.n_vertices)
+
+    def _clusters(self, node: _Node) -> Floats:
+        """Two clusters of normals."""
+        normals = node.surface.vertex_normals
+        members = np.unique(node.surface.faces[node.faces])
+        if np.ptp(normals[members], axis=0).max() < _SAME_NORMALS:
+            raise ValueError('initial: "normals" needs normals that differ; this surface is flat')
+        _, cluster = scipy.cluster.vq.kmeans2(normals[members], 2, minit="++", rng=self.random)
+        u = np.zeros(node.surface.n_vertices)
+        u[members] = np.where(cluster == 0, 1.0, -1.0)
+        return u
+
+    def _move(self, at: int) -> None:
+        """Carry the field over to another surface of the hierarchy."""
+        u = self.state.u
+        for k in range(self.state.at, at, -1):
+            u = self.levels[k].map.prolongation @ u
+        for k in range(self.state.at, at):
+            u = self.levels[k + 1].map.restriction @ u
+        self.state = replace(self.state, u=u, at=at)
+
+    def _stages(self) -> list[_Stage]:
+        """Widths of the interface and the surfaces to solve on, down to the given ones."""
         settings = self.node.settings
         if settings.coarsest is not None:
             coarsest = settings.coarsest
@@ -884,26 +1068,34 @@ class _NodeSolver:
             coarsest = 0.0
         else:
             coarsest = self.size * (_COARSEST_DISTORTED if settings.distortion > 0 else _COARSEST)
-        return self._halved(settings.epsilon, coarsest)
+        stages = [self._stage_of(width) for width in self._halved(settings.epsilon, coarsest)]
+        finer = range(stages[-1].at - 1, -1, -1)
+        return stages + [_Stage(settings.epsilon, at) for at in finer]
+
+    def _stage_of(self, epsilon: float) -> _Stage:
+        """An interface on the coarsest surface that resolves it."""
+        lengths = [level.node.surface.mean_edge_length for level in self.levels[1:]]
+        return _Stage(epsilon, sum(length <= self.resolved * epsilon for length in lengths))
 
     def _halved(self, epsilon: float, coarsest: float) -> list[float]:
         """Halving widths down to `epsilon`, from at most `coarsest`."""
-        stages = [epsilon]
-        while 2 * stages[0] <= coarsest:
-            stages.insert(0, 2 * stages[0])
-        return stages
+        widths = [epsilon]
+        while 2 * widths[0] <= coarsest:
+            widths.insert(0, 2 * widths[0])
+        return widths
 
     def _stage(
         self,
-        epsilon: float,
+        stage: _Stage,
         *,
         last: bool = False,
         alone: bool = False,
-        weight: float = 1.0,
         max_iterations: int | None = None,
     ) -> None:
-        """Minimise at one interface width; the perimeter `alone`, or all functionals."""
-        node, settings = self.node, self.node.settings
+        """Minimise at one interface width on one surface; the perimeter `alone`, or all."""
+        self._move(stage.at)
+        epsilon = stage.epsilon
+        node, settings, level = self.node, self.node.settings, self.level
         terms: list[tuple[float, Any]] = [(1.0, self._perimeter(epsilon))]
         if settings.connected and not alone:
             connectedness = Connectedness(
@@ -917,7 +1109,7 @@ class _NodeSolver:
                 saturation=epsilon**2,
                 form="tree",
             )
-            terms.append((weight * epsilon**-settings.kappa, connectedness))
+            terms.append((self.state.weight * epsilon**-settings.kappa, connectedness))
         if settings.distortion > 0 and not alone:
             distortion = Distortion(
                 node.surface,
@@ -929,8 +1121,8 @@ class _NodeSolver:
             terms.append((settings.distortion, distortion))
         mass = node.surface.mass
         # The diagonal of the perimeter's Hessian at the pure phases, Psi''(1) = 9/2.
-        hessian = (self.inside + settings.eta) * (epsilon * self.diagonal + 4.5 / epsilon * mass)
-        hessian += 2 / settings.sigma * (1 - self.inside) * mass
+        hessian = (level.inside + settings.eta) * (epsilon * level.diagonal + 4.5 / epsilon * mass)
+        hessian += 2 / settings.sigma * (1 - level.inside) * mass
         before = self.iterations
 
         def report(iteration: Iteration) -> None:
@@ -947,26 +1139,29 @@ class _NodeSolver:
 
         result = _MINIMISE[settings.solver](
             terms,
-            self.area,
-            0.5 * self.area.total,
-            self.u,
+            level.area,
+            0.5 * level.area.total,
+            self.state.u,
             scale=np.sqrt(hessian),
             # The perimeter alone, with the areas free, would shrink to one phase.
             area="lagrangian" if alone and settings.area == "none" else settings.area,
-            multiplier=self.multiplier,
-            penalty=self.penalty,
+            multiplier=self.state.multiplier,
+            penalty=self.state.penalty,
             max_iterations=settings.max_iterations if max_iterations is None else max_iterations,
             callback=report,
             **self._tolerances(last),
         )
-        self.u = result.u
-        self.multiplier = result.multiplier
-        self.penalty = result.penalty
-        self.energy = result.energy
-        self.violation = result.violation
+        self.state = replace(
+            self.state,
+            u=result.u,
+            multiplier=result.multiplier,
+            penalty=result.penalty,
+            energy=result.energy,
+            violation=result.violation,
+            converged=result.converged,
+        )
         self.iterations += result.iterations
         self.evaluations += result.evaluations
-        self.converged = result.converged
 
     def _tolerances(self, last: bool) -> dict[str, Any]:
         settings = self.node.settings
@@ -986,8 +1181,8 @@ class _NodeSolver:
 
     def length(self) -> float:
         """Length of the interface: the weighted perimeter without its confinement, over sqrt 2."""
-        confinement = (1 - self.inside) @ (self.node.surface.mass * self.u**2)
-        value, _ = self._perimeter(self.node.settings.epsilon).value_and_gradient(self.u)
+        confinement = (1 - self.level.inside) @ (self.node.surface.mass * self.state.u**2)
+        value, _ = self._perimeter(self.node.settings.epsilon).value_and_gradient(self.state.u)
         return float(value - confinement / self.node.settings.sigma) / float(np.sqrt(2))
 
     def sharp(self) -> tuple[NDArray[np.bool_], float]:
@@ -999,7 +1194,7 @@ class _NodeSolver:
         functional holds together, it is the nearest that the functional sees beyond.
         """
         node, settings = self.node, self.node.settings
-        values = node.surface.face_mean(self.u)
+        values = node.surface.face_mean(self.state.u)
         faces = np.flatnonzero(node.faces)
         level = 0.0
         if settings.area == "lagrangian":
@@ -1015,40 +1210,35 @@ class _NodeSolver:
         return positive, level
 
     def repair(self, crumbs: NDArray[np.bool_], positive: NDArray[np.bool_]) -> bool:
-        """Give the vertices of crumbs the value of the other phase, if there is enough of them."""
+        """Turn crumbs over, if there is enough of them, and make the connectedness heavier."""
         if _small(self.node, crumbs):
             return False
         faces = self.node.surface.faces
-        u = self.u.copy()
+        u = self.state.u.copy()
         u[faces[crumbs & positive]] = -1.0
         u[faces[crumbs & ~positive]] = 1.0
-        self.u = u
+        weight = min(_REPAIR_GROWTH * self.state.weight, _REPAIR_GROWTH**_REPAIR_ROUNDS)
+        self.state = replace(self.state, u=u, weight=weight)
         self.repairs += 1
         return True
+
+    def _in_pieces(self) -> bool:
+        """Whether more of a segment that is to be connected is cut off than crumbs."""
+        return self.node.settings.connected and not _small(self.node, self._found_crumbs()[0])
 
     def _found_crumbs(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         positive, _ = self.sharp()
         return _crumbs(self.node, positive), positive
 
 
-def _rng(node: _Node) -> np.random.Generator:
-    return np.random.default_rng([node.settings.seed, node.level, node.index])
-
-
-def _noise(node: _Node) -> Floats:
-    return _rng(node).uniform(-1, 1, node.surface.n_vertices)
-
-
-def _clusters(node: _Node) -> Floats:
-    """Two clusters of normals."""
-    normals = node.surface.vertex_normals
-    members = np.unique(node.surface.faces[node.faces])
-    if np.ptp(normals[members], axis=0).max() < _SAME_NORMALS:
-        raise ValueError('initial: "normals" needs normals that differ; this surface is flat')
-    _, cluster = scipy.cluster.vq.kmeans2(normals[members], 2, minit="++", rng=_rng(node))
-    u = np.zeros(node.surface.n_vertices)
-    u[members] = np.where(cluster == 0, 1.0, -1.0)
-    return u
+def _best(ends: list[_End], kept: int) -> list[_End]:
+    """The ends of least energy, one of each energy; those in pieces come last."""
+    best: list[_End] = []
+    for end in sorted(ends, key=lambda end: (end.in_pieces, end.state.energy)):
+        energies = [other.state.energy for other in best]
+        if not np.isclose(energies, end.state.energy, rtol=_SAME_ENERGY, atol=0).any():
+            best.append(end)
+    return best[:kept]
 
 
 def _splits_of_normals(node: _Node, inside: Floats) -> list[Floats]:

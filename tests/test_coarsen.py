@@ -1,0 +1,90 @@
+"""Simplified surfaces and the maps between their vertices."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import phaseatlas as pa
+import phaseatlas.coarsen
+from phaseatlas.coarsen import coarsen
+
+
+def check(surface, coarse):
+    n, k = surface.n_vertices, coarse.surface.n_vertices
+    assert coarse.prolongation.shape == (n, k)
+    assert coarse.restriction.shape == (k, n)
+    # Means: no row is empty, no weight negative.
+    for matrix in (coarse.prolongation, coarse.restriction):
+        np.testing.assert_allclose(matrix.sum(axis=1), 1.0, rtol=1e-12)
+        assert matrix.data.min() > 0
+    # A vertex collapses to one nearby.
+    length = coarse.surface.mean_edge_length
+    apart = coarse.prolongation @ coarse.surface.vertices - surface.vertices
+    assert np.quantile(np.linalg.norm(apart, axis=1), 0.99) < 2.0 * length
+    apart = coarse.restriction @ surface.vertices - coarse.surface.vertices
+    assert np.quantile(np.linalg.norm(apart, axis=1), 0.99) < 2.0 * length
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        pa.datasets.icosphere(4),
+        pa.datasets.torus(1.0, 0.4, 60, 30),
+        pa.datasets.sheet(60),
+    ],
+    ids=["sphere", "torus", "sheet"],
+)
+def test_a_quarter_of_the_faces_on_the_same_surface(surface):
+    coarse = coarsen(surface)
+    check(surface, coarse)
+    assert coarse.surface.n_faces == pytest.approx(0.25 * surface.n_faces, rel=0.05)
+    assert coarse.surface.genus == surface.genus
+    assert coarse.surface.n_boundary_loops == surface.n_boundary_loops
+    assert coarse.surface.area == pytest.approx(surface.area, rel=0.02)
+    ratio = coarse.surface.mean_edge_length / surface.mean_edge_length
+    assert 1.8 < ratio < 3.0
+    # Orientation is kept.
+    normals = coarse.restriction @ surface.vertex_normals
+    assert np.mean(np.vecdot(coarse.surface.vertex_normals, normals) > 0.5) > 0.95
+
+
+@pytest.mark.parametrize("name", ["armadillo", "bunny", "camelhead", "fandisk", "hand", "spot"])
+def test_real_meshes(name, mesh_path):
+    surface = pa.load(mesh_path(f"{name}.obj"))
+    levels = 0
+    while (coarse := coarsen(surface)) is not None and surface.n_vertices > 1000:
+        check(surface, coarse)
+        surface = coarse.surface
+        levels += 1
+    assert levels >= 1
+    assert surface.n_vertices <= 1000
+
+
+def test_few_faces_are_left_alone():
+    assert coarsen(pa.datasets.icosphere(1)) is None
+
+
+def test_what_is_no_surface_is_left_alone(monkeypatch):
+    # A library that leaves two triangles with one common vertex, whatever it is asked for.
+    bow = np.array([[0, 1, 2], [0, 3, 4]])
+    surface = pa.datasets.icosphere(3)
+    asked = []
+
+    def simplified(surface, kept, preserve_border):
+        asked.append((kept, preserve_border))
+        return surface.vertices[:5], bow, np.zeros(surface.n_vertices, dtype=int)
+
+    monkeypatch.setattr(phaseatlas.coarsen, "_simplified", simplified)
+    assert coarsen(surface) is None
+    assert len(asked) == 3
+
+
+def test_threads_do_not_disturb_one_another():
+    surfaces = [pa.datasets.icosphere(4), pa.datasets.torus(1.0, 0.4, 80, 40)] * 4
+    alone = [coarsen(surface).surface.vertices for surface in surfaces[:2]] * 4
+    with ThreadPoolExecutor(4) as pool:
+        together = [coarse.surface.vertices for coarse in pool.map(coarsen, surfaces)]
+    assert all(np.array_equal(a, b) for a, b in zip(alone, together, strict=True))
