@@ -18,6 +18,7 @@
 //! alone is built once, in [`mesh::TriangleMesh`]. Results do not depend on the number of
 //! threads: sums run over chunks of fixed size and are added in a fixed order.
 
+mod buffers;
 pub mod error;
 pub mod flatten;
 pub mod functionals;

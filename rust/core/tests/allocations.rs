@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use phaseatlas_core::TriangleMesh;
-use phaseatlas_core::functionals::{Distortion, Functional, Law};
+use phaseatlas_core::functionals::{Connectedness, Distortion, Form, Functional, Law, Phases};
 use phaseatlas_core::linear::{Analysis, Cholesky, Factorisation, Ordering};
 
 struct Counting;
@@ -119,6 +119,32 @@ fn nothing_is_allocated_after_the_first_call() {
             evaluate(&functional, &mut gradient, &fields[..1]);
             let count = allocations(|| evaluate(&functional, &mut gradient, &fields[1..]));
             assert_eq!(count, 0, "{law:?}");
+        });
+    }
+
+    // One thread, so that the same buffers come to the same searches again.
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    let fields: Vec<Vec<f64>> = (0..4)
+        .map(|k| {
+            let wave = |p: &[f64; 3]| (30.0 * p[0] + f64::from(k)).sin() * (20.0 * p[1]).cos();
+            mesh.vertices().iter().map(wave).collect()
+        })
+        .collect();
+    for form in [Form::Pairs, Form::Tree] {
+        let functional = Connectedness::new(mesh.clone(), 0.7, None, Phases::Both).unwrap();
+        let functional = functional.with_form(form);
+        let mut gradient = vec![0.0; mesh.n_vertices()];
+        let mut all = || {
+            for u in &fields {
+                assert!(functional.value_and_gradient(u, &mut gradient).unwrap() > 0.0);
+            }
+        };
+        pool.install(|| {
+            assert!(allocations(&mut all) > 0);
+            assert_eq!(allocations(&mut all), 0, "{form:?}");
         });
     }
 }

@@ -4,10 +4,11 @@ use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use super::{Functional, give_back, take};
+use super::Functional;
 use crate::CHUNK;
+use crate::buffers::{give_back, take};
 use crate::error::{Error, Result, check_length, check_positive, check_vector, check_weight};
-use crate::graph::{Components, DualWeights, Forest, Search, TreeEdge};
+use crate::graph::{AllPairs, Components, ContractedDual, DualWeights, Network, Regions, Tree};
 use crate::mesh::{NONE, TriangleMesh};
 use crate::potentials::ConnectednessLaws;
 
@@ -28,7 +29,7 @@ pub enum Phases {
 /// How C measures the distances between components.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
-    /// All pairs, equation (3): one search a component.
+    /// All pairs, equation (3).
     Pairs,
     /// All pairs, with the distances along the shortest spanning tree, which takes one search
     /// from all components together: the sum over its edges of W W' d with W, W' the masses of the
@@ -62,7 +63,6 @@ pub struct Connectedness {
     /// (D_f + D_g) / 4 / w of every half-edge, so that the weight is (F_f + F_g) scale
     scale: Vec<[f64; 3]>,
     workspaces: Mutex<Vec<[Workspace; 2]>>,
-    searches: Mutex<Vec<Search>>,
 }
 
 /// The buffers of one phase's evaluation.
@@ -71,25 +71,21 @@ struct Workspace {
     price: Vec<f64>,
     face_gradient: Vec<f64>,
     values: Vec<f64>,
+    /// those of positive mass
     components: Components,
     /// W_i
     masses: Vec<f64>,
-    /// components of positive mass, ascending
-    active: Vec<u32>,
+    /// what counts for W_i
+    saturated: Vec<f64>,
+    /// derivative by W_i
     potential: Vec<f64>,
-    results: Vec<SourceResult>,
-    forest: Forest,
-    tree: Vec<TreeEdge>,
+    graph: ContractedDual,
+    regions: Regions,
+    pairs: AllPairs,
+    network: Network,
+    tree: Tree,
     /// mass of a component and all that hangs on it
     beyond: Vec<f64>,
-}
-
-/// What the search from one component found.
-#[derive(Debug, Default)]
-struct SourceResult {
-    coefficients: Vec<(u32, f64)>,
-    distances: Vec<f64>,
-    path_terms: Vec<(u32, f64)>,
 }
 
 impl Connectedness {
@@ -144,7 +140,6 @@ impl Connectedness {
             inside,
             scale,
             workspaces: Mutex::default(),
-            searches: Mutex::default(),
         })
     }
 
@@ -206,7 +201,7 @@ impl Connectedness {
         let count = |sign: f64| {
             let mut workspace = Workspace::default();
             self.find_components(u, sign, &mut workspace);
-            workspace.active.len()
+            workspace.masses.len()
         };
         Ok((count(1.0), count(-1.0)))
     }
@@ -237,19 +232,14 @@ impl Connectedness {
             |_, _| true,
         );
         workspace.masses.clear();
-        workspace.active.clear();
         for c in 0..workspace.components.count() {
-            let mass: f64 = workspace
-                .components
-                .faces_of(c)
-                .iter()
-                .map(|&f| self.measure[f as usize] * laws.h(values[f as usize]))
-                .sum();
-            workspace.masses.push(mass);
-            if mass > 0.0 {
-                workspace.active.push(c as u32);
-            }
+            let faces = workspace.components.faces_of(c).iter();
+            let mass = faces.map(|&f| self.measure[f as usize] * laws.h(values[f as usize]));
+            workspace.masses.push(mass.sum());
         }
+        let masses = &mut workspace.masses;
+        workspace.components.retain(|c| masses[c] > 0.0);
+        masses.retain(|&mass| mass > 0.0);
     }
 
     /// Evaluates one phase; leaves its derivative by the face values in `face_gradient`.
@@ -258,20 +248,24 @@ impl Connectedness {
         let m = self.mesh.n_faces();
         workspace.face_gradient.clear();
         workspace.face_gradient.resize(m, 0.0);
-        if workspace.active.len() < 2 {
+        let count = workspace.components.count();
+        if count < 2 {
             return 0.0;
         }
         workspace.potential.clear();
-        workspace
-            .potential
-            .resize(workspace.components.count(), 0.0);
+        workspace.potential.resize(count, 0.0);
+        let weights = DualWeights {
+            price: &workspace.price,
+            scale: &self.scale,
+        };
+        let (graph, components) = (&mut workspace.graph, &workspace.components);
+        graph.contract(&self.mesh, weights, components);
+        workspace.regions.grow(graph, components);
         let value = match self.form {
             Form::Pairs => self.sum_pairs(workspace),
             Form::Tree => self.sum_tree(workspace),
         };
-        for &c in &workspace.active {
-            let c = c as usize;
-            let slope = workspace.potential[c];
+        for (c, &slope) in workspace.potential.iter().enumerate() {
             for &f in workspace.components.faces_of(c) {
                 let f = f as usize;
                 workspace.face_gradient[f] +=
@@ -290,67 +284,29 @@ impl Connectedness {
             values,
             components,
             masses,
-            active,
+            saturated,
             potential,
-            results,
+            graph,
+            regions,
+            pairs,
             ..
         } = workspace;
-        let n_sources = active.len() - 1;
-        if results.len() < n_sources {
-            results.resize_with(n_sources, SourceResult::default);
-        }
+        saturated.clear();
+        saturated.extend(masses.iter().map(|&mass| self.saturate(mass).0));
+        pairs.search(graph, components, regions);
+        pairs.differentiate(saturated, potential);
         let weights = DualWeights {
             price,
             scale: &self.scale,
         };
-        let (components, masses, active) = (&*components, &*masses, &*active);
-        results[..n_sources]
-            .par_iter_mut()
-            .enumerate()
-            .with_max_len(1)
-            .for_each(|(i, result)| {
-                let mut search = take(&self.searches).unwrap_or_default();
-                let (source, targets) = (active[i], &active[i + 1..]);
-                search.run(&self.mesh, weights, components, source, targets);
-                result.distances.clear();
-                result.coefficients.clear();
-                result.path_terms.clear();
-                for &target in targets {
-                    let factor = 2.0
-                        * self.saturate(masses[source as usize]).0
-                        * self.saturate(masses[target as usize]).0;
-                    result
-                        .distances
-                        .push(search.distance_to(&self.mesh, target));
-                    result.coefficients.push((target, factor));
-                }
-                let terms = &mut result.path_terms;
-                search.accumulate_paths(
-                    &self.mesh,
-                    weights,
-                    components,
-                    &result.coefficients,
-                    |f, a| terms.push((f, a)),
-                );
-                give_back(&self.searches, search);
-            });
-
+        pairs.accumulate_paths(&self.mesh, weights, |f, a| {
+            let f = f as usize;
+            face_gradient[f] += a * self.laws.f_prime(values[f]);
+        });
         let mut value = 0.0;
-        for (i, result) in results[..n_sources].iter().enumerate() {
-            let source = active[i] as usize;
-            for (&(target, factor), &distance) in result.coefficients.iter().zip(&result.distances)
-            {
-                let target = target as usize;
-                value += factor * distance;
-                let (near, near_slope) = self.saturate(masses[source]);
-                let (far, far_slope) = self.saturate(masses[target]);
-                potential[source] += 2.0 * near_slope * far * distance;
-                potential[target] += 2.0 * near * far_slope * distance;
-            }
-            for &(f, a) in &result.path_terms {
-                let f = f as usize;
-                face_gradient[f] += a * self.laws.f_prime(values[f]);
-            }
+        for ((row, &weight), &mass) in potential.iter_mut().zip(&*saturated).zip(&*masses) {
+            value += 0.5 * weight * *row;
+            *row *= self.saturate(mass).1;
         }
         value
     }
@@ -361,11 +317,10 @@ impl Connectedness {
             price,
             face_gradient,
             values,
-            components,
             masses,
-            active,
             potential,
-            forest,
+            regions,
+            network,
             tree,
             beyond,
             ..
@@ -374,32 +329,37 @@ impl Connectedness {
             price,
             scale: &self.scale,
         };
-        forest.span(&self.mesh, weights, components, active, tree);
+        let meetings = &regions.meetings;
+        network.join(masses.len(), meetings.iter().map(|meeting| meeting.link));
+        network.spanning_tree(0, tree);
         beyond.clear();
         beyond.extend_from_slice(masses);
-        for edge in tree.iter().rev() {
-            beyond[edge.parent as usize] += beyond[edge.child as usize];
+        for &child in tree.order[1..].iter().rev() {
+            beyond[tree.parents[child as usize] as usize] += beyond[child as usize];
         }
-        let total = beyond[active[0] as usize];
+        let total = beyond[0];
         let (mut value, mut rest) = (0.0, 0.0);
-        for edge in &*tree {
-            let (parent, child) = (edge.parent as usize, edge.child as usize);
+        for &child in &tree.order[1..] {
+            let child = child as usize;
+            let parent = tree.parents[child] as usize;
+            let meeting = &meetings[tree.links[child] as usize];
+            let length = meeting.link.length;
             let (near, near_slope) = self.saturate(total - beyond[child]);
             let (far, far_slope) = self.saturate(beyond[child]);
             let factor = 2.0 * near * far;
-            value += factor * edge.length;
-            forest.accumulate_path(&self.mesh, weights, edge, factor, |f, a| {
+            value += factor * length;
+            regions.accumulate_path(&self.mesh, weights, meeting, factor, |f, a| {
                 let f = f as usize;
                 face_gradient[f] += a * self.laws.f_prime(values[f]);
             });
             // By the masses on the root's side, which are all but those beyond.
-            let here = 2.0 * near_slope * far * edge.length;
-            let there = 2.0 * near * far_slope * edge.length;
+            let here = 2.0 * near_slope * far * length;
+            let there = 2.0 * near * far_slope * length;
             rest += here;
             potential[child] = potential[parent] + there - here;
         }
-        for &c in &*active {
-            potential[c as usize] += rest;
+        for slope in potential {
+            *slope += rest;
         }
         value
     }

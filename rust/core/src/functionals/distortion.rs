@@ -3,7 +3,8 @@
 
 use std::sync::{Arc, Mutex};
 
-use super::{Functional, give_back, take};
+use super::Functional;
+use crate::buffers::{give_back, take};
 use crate::error::{
     Result, check_delta, check_length, check_non_negative, check_positive, check_vector,
     check_weight,

@@ -10,8 +10,6 @@ pub use connectedness::{Connectedness, Form, Phases};
 pub use distortion::{Distortion, Law};
 pub use perimeter::Perimeter;
 
-use std::sync::{Mutex, PoisonError};
-
 use crate::error::Result;
 
 /// A differentiable function of the phase field (one value a vertex).
@@ -21,19 +19,6 @@ pub trait Functional: Send + Sync {
     /// # Errors
     /// [`crate::Error::Length`] or [`crate::Error::NonFinite`] for an unusable `u`.
     fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64>;
-}
-
-/// Takes buffers out for the time of their use, [`None`] where all are in use: a lock that is held
-/// while the thread pool works could be asked for again by the same thread.
-fn take<T>(buffers: &Mutex<Vec<T>>) -> Option<T> {
-    buffers.lock().unwrap_or_else(PoisonError::into_inner).pop()
-}
-
-fn give_back<T>(buffers: &Mutex<Vec<T>>, buffer: T) {
-    buffers
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .push(buffer);
 }
 
 #[cfg(test)]

@@ -59,6 +59,26 @@ impl Components {
             self.starts.push(self.faces.len());
         }
     }
+
+    /// Drops the components of which `keep` says no.
+    pub fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        let (mut count, mut end) = (0, 0);
+        for c in 0..self.count() {
+            let faces = self.starts[c]..self.starts[c + 1];
+            let label = if keep(c) { count as u32 } else { NONE };
+            for &f in &self.faces[faces.clone()] {
+                self.labels[f as usize] = label;
+            }
+            if label != NONE {
+                self.faces.copy_within(faces.clone(), end);
+                count += 1;
+                end += faces.len();
+                self.starts[count] = end;
+            }
+        }
+        self.faces.truncate(end);
+        self.starts.truncate(count + 1);
+    }
 }
 
 /// Components of equal labels: two neighbouring faces connect where `labels` agree.

@@ -2,9 +2,14 @@
 //! shortest tree that joins them.
 
 pub mod components;
+pub mod dual;
+pub mod network;
+mod radix_heap;
+pub mod regions;
 pub mod shortest_paths;
-pub mod spanning_tree;
 
 pub use components::{Components, label_components};
-pub use shortest_paths::{DualWeights, Search};
-pub use spanning_tree::{Forest, TreeEdge};
+pub use dual::{ContractedDual, DualWeights};
+pub use network::{Link, Network, Tree};
+pub use regions::{Meeting, Regions};
+pub use shortest_paths::AllPairs;

@@ -1,222 +1,383 @@
-//! Dijkstra's search on the dual graph with every component contracted to one node.
+//! Shortest paths between all components.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
+use std::sync::Mutex;
 
-use super::Components;
+use rayon::prelude::*;
+
+use super::radix_heap::RadixHeap;
+use super::regions::Regions;
+use super::{Components, ContractedDual, DualWeights, Link, Network, Tree};
+use crate::buffers::{give_back, take};
 use crate::mesh::{NONE, TriangleMesh};
 
-/// Prices of the dual edges: crossing from face f over its half-edge k to g costs
-/// (price_f + price_g) scale\[f\]\[k\].
+/// A way round has to be shorter by this part, lest rounding gives up both of two ways that are as
+/// long as each other.
+const MARGIN: f64 = 1e-12;
+/// Parts of the sums over all pairs, which are added in order.
+const BLOCKS: usize = 16;
+
+/// The shortest paths between all pairs of components.
+///
+/// A path that touches no third component is *direct*. Shortest paths are chains of direct ones, so
+/// that it is enough to find those and then to search the [`Network`] that they make. The search
+/// from component i gives up a face f that it reaches at distance D where there is a way round
+/// through the component k that is nearest to f: where B_ik + distance(k, f) < D, with B_ik the
+/// length of some path from i to k. Nothing is lost: a shortest path from i through f to j is then
+/// no shorter than the two from i to k and from k to j, both of which are shorter than it is, so
+/// that by induction over the length the chains of direct paths that are found reach from i to j.
+///
+/// The bounds B are distances in the network of the components whose [`Regions`] touch, together
+/// with the direct paths that the same search has found so far.
+#[derive(Debug, Default)]
+pub struct AllPairs {
+    /// First of the regions that touch, then of the direct paths.
+    network: Network,
+    direct: Vec<DirectPaths>,
+    searches: Mutex<Vec<Search>>,
+    blocks: Vec<Block>,
+    /// Derivative by the length of each direct path.
+    coefficients: Vec<f64>,
+}
+
+/// The direct paths from one component to those after it.
+#[derive(Debug, Default)]
+struct DirectPaths {
+    links: Vec<Link>,
+    /// The half-edges of the paths one after the other, and the end of each.
+    half_edges: Vec<u32>,
+    ends: Vec<usize>,
+}
+
+/// The part of some sources in the sums over all pairs.
+#[derive(Debug, Default)]
+struct Block {
+    tree: Tree,
+    flow: Vec<f64>,
+    coefficients: Vec<f64>,
+}
+
+impl AllPairs {
+    /// Finds the direct paths.
+    pub fn search(&mut self, graph: &ContractedDual, components: &Components, regions: &Regions) {
+        let count = components.count();
+        if self.direct.len() < count {
+            self.direct.resize_with(count, DirectPaths::default);
+        }
+        self.direct.iter_mut().for_each(DirectPaths::clear);
+        let touching = regions.meetings.iter().map(|meeting| meeting.link);
+        self.network.join(count, touching);
+        let (network, searches) = (&self.network, &self.searches);
+        self.direct[..count]
+            .par_iter_mut()
+            .enumerate()
+            .with_max_len(1)
+            .for_each(|(source, paths)| {
+                let mut search = take(searches).unwrap_or_default();
+                search.run(graph, components, regions, network, source, paths);
+                give_back(searches, search);
+            });
+        self.network.join(count, links(&self.direct));
+    }
+
+    /// Derivatives of the sum over ordered pairs i != j of w_i w_j d_ij: leaves those by `weights`
+    /// in `rows`, which makes the sum half of weights . rows, and keeps those by the lengths of
+    /// the direct paths for [`Self::accumulate_paths`].
+    pub fn differentiate(&mut self, weights: &[f64], rows: &mut [f64]) {
+        let n_links = links(&self.direct).count();
+        let size = weights.len().div_ceil(BLOCKS);
+        self.blocks.resize_with(BLOCKS, Block::default);
+        let network = &self.network;
+        self.blocks
+            .par_iter_mut()
+            .zip(rows.par_chunks_mut(size))
+            .enumerate()
+            .for_each(|(block, (part, rows))| {
+                part.coefficients.clear();
+                part.coefficients.resize(n_links, 0.0);
+                for (offset, row) in rows.iter_mut().enumerate() {
+                    *row = part.add_source(network, weights, block * size + offset);
+                }
+            });
+        self.coefficients.clear();
+        self.coefficients.resize(n_links, 0.0);
+        for part in &self.blocks[..weights.len().div_ceil(size)] {
+            for (sum, x) in self.coefficients.iter_mut().zip(&part.coefficients) {
+                *sum += x;
+            }
+        }
+    }
+
+    /// Derivative of the same sum by the prices: calls `add(f, a)` for every face f whose price
+    /// enters with factor a.
+    pub fn accumulate_paths(
+        &self,
+        mesh: &TriangleMesh,
+        weights: DualWeights,
+        mut add: impl FnMut(u32, f64),
+    ) {
+        let mut coefficients = self.coefficients.iter();
+        for paths in &self.direct {
+            let mut start = 0;
+            for (&end, &coefficient) in paths.ends.iter().zip(&mut coefficients) {
+                if coefficient != 0.0 {
+                    for &half_edge in &paths.half_edges[start..end] {
+                        weights.differentiate(mesh, half_edge, coefficient, &mut add);
+                    }
+                }
+                start = end;
+            }
+        }
+    }
+}
+
+fn links(direct: &[DirectPaths]) -> impl Iterator<Item = Link> + Clone {
+    direct.iter().flat_map(|paths| paths.links.iter().copied())
+}
+
+impl DirectPaths {
+    fn clear(&mut self) {
+        self.links.clear();
+        self.half_edges.clear();
+        self.ends.clear();
+    }
+}
+
+impl Block {
+    /// Adds the derivative by the direct paths of the pairs of `source` with those after it;
+    /// returns the derivative of all its pairs by its weight.
+    fn add_source(&mut self, network: &Network, weights: &[f64], source: usize) -> f64 {
+        network.shortest_paths(source as u32, &mut self.tree);
+        self.flow.clear();
+        self.flow.resize(weights.len(), 0.0);
+        let mut row = 0.0;
+        for (j, (&weight, &distance)) in weights.iter().zip(&self.tree.distances).enumerate() {
+            if j != source {
+                row += 2.0 * weight * distance;
+            }
+            if j > source {
+                self.flow[j] = 2.0 * weights[source] * weight;
+            }
+        }
+        for &node in self.tree.order[1..].iter().rev() {
+            let flow = self.flow[node as usize];
+            self.flow[self.tree.parents[node as usize] as usize] += flow;
+            self.coefficients[self.tree.links[node as usize] as usize] += flow;
+        }
+        row
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
-pub struct DualWeights<'a> {
-    pub price: &'a [f64],
-    pub scale: &'a [[f64; 3]],
+struct Label {
+    distance: f64,
+    /// The half-edge over which the node was reached.
+    entry: u32,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Candidate {
-    pub(super) distance: f64,
-    pub(super) node: u32,
-}
-
-impl Eq for Candidate {}
-
-impl Ord for Candidate {
-    // Reversed, for a min-heap; ties by node, so that the order never depends on the heap.
-    fn cmp(&self, other: &Self) -> Ordering {
-        other
-            .distance
-            .total_cmp(&self.distance)
-            .then_with(|| other.node.cmp(&self.node))
-    }
-}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
+const UNREACHED: Label = Label {
+    distance: f64::INFINITY,
+    entry: NONE,
+};
 
 /// The buffers of one search; reused from one search to the next.
-///
-/// Nodes `0..m` are faces, nodes `m..m + k` the components. A face of a component is never a
-/// node of its own.
 #[derive(Debug, Default)]
-pub struct Search {
-    distance: Vec<f64>,
-    /// The half-edge over which the node was reached, [`NONE`] at the source.
-    entry: Vec<u32>,
-    settled: Vec<bool>,
-    order: Vec<u32>,
-    flow: Vec<f64>,
-    heap: BinaryHeap<Candidate>,
+struct Search {
+    /// All unreached between two searches.
+    labels: Vec<Label>,
+    reached: Vec<u32>,
+    heap: RadixHeap,
+    /// Shortest known paths from the source to all components.
+    bounds: Tree,
 }
 
 impl Search {
-    /// Searches from component `source` until every component of `targets` is settled.
-    pub fn run(
+    /// Finds the direct paths from component `source`, but for those to components before it, which
+    /// are found from there.
+    fn run(
         &mut self,
-        mesh: &TriangleMesh,
-        weights: DualWeights,
+        graph: &ContractedDual,
         components: &Components,
-        source: u32,
-        targets: &[u32],
+        regions: &Regions,
+        network: &Network,
+        source: usize,
+        found: &mut DirectPaths,
     ) {
-        let m = mesh.n_faces();
-        let n_nodes = m + components.count();
-        self.distance.clear();
-        self.distance.resize(n_nodes, f64::INFINITY);
-        self.entry.clear();
-        self.entry.resize(n_nodes, NONE);
-        self.settled.clear();
-        self.settled.resize(n_nodes, false);
-        self.order.clear();
+        let m = graph.n_faces();
+        if self.labels.len() < graph.n_nodes() {
+            self.labels.resize(graph.n_nodes(), UNREACHED);
+        }
+        network.shortest_paths(source as u32, &mut self.bounds);
+        self.labels[m + source].distance = 0.0;
         self.heap.clear();
-
-        let source = m as u32 + source;
-        self.distance[source as usize] = 0.0;
-        self.heap.push(Candidate {
-            distance: 0.0,
-            node: source,
-        });
-        let mut remaining = targets.len();
-        while let Some(Candidate { distance, node }) = self.heap.pop() {
-            if self.settled[node as usize] {
+        for &f in components.faces_of(source) {
+            self.relax(graph, regions, f as usize, 0.0);
+        }
+        while let Some((distance, node)) = self.heap.pop() {
+            if distance > self.labels[node as usize].distance {
                 continue;
             }
-            self.settled[node as usize] = true;
-            self.order.push(node);
             if node as usize >= m {
                 let component = node - m as u32;
-                if node != source && targets.binary_search(&component).is_ok() {
-                    remaining -= 1;
-                    if remaining == 0 {
-                        break;
-                    }
-                }
-                for &f in components.faces_of(component as usize) {
-                    self.relax(mesh, weights, components, f as usize, distance);
+                if distance < self.bounds.distances[component as usize] {
+                    network.shorten(&mut self.bounds, component, distance);
                 }
             } else {
-                self.relax(mesh, weights, components, node as usize, distance);
+                self.relax(graph, regions, node as usize, distance);
             }
         }
-    }
-
-    fn relax(
-        &mut self,
-        mesh: &TriangleMesh,
-        weights: DualWeights,
-        components: &Components,
-        f: usize,
-        distance: f64,
-    ) {
-        let m = mesh.n_faces() as u32;
-        let own = components.labels[f];
-        for (k, &g) in mesh.neighbours()[f].iter().enumerate() {
-            if g == NONE {
-                continue;
-            }
-            let label = components.labels[g as usize];
-            if label != NONE && label == own {
-                continue;
-            }
-            let node = if label == NONE { g } else { m + label };
-            let through =
-                distance + (weights.price[f] + weights.price[g as usize]) * weights.scale[f][k];
-            if through < self.distance[node as usize] {
-                self.distance[node as usize] = through;
-                self.entry[node as usize] = (3 * f + k) as u32;
-                self.heap.push(Candidate {
-                    distance: through,
-                    node,
+        for &node in &self.reached {
+            if node as usize > m + source {
+                let label = self.labels[node as usize];
+                found.links.push(Link {
+                    ends: [source as u32, node - m as u32],
+                    length: label.distance,
                 });
+                let mut entry = label.entry;
+                while entry != NONE {
+                    found.half_edges.push(entry);
+                    entry = self.labels[entry as usize / 3].entry;
+                }
+                found.ends.push(found.half_edges.len());
             }
         }
-    }
-
-    /// Distance from the source to a component, infinite where the search did not get.
-    pub fn distance_to(&self, mesh: &TriangleMesh, component: u32) -> f64 {
-        self.distance[mesh.n_faces() + component as usize]
-    }
-
-    /// Sums the derivative of sum_c coefficient_c distance(c) over the shortest paths: calls
-    /// `add(f, a)` for every face f whose price enters with factor a. `coefficients` pairs a
-    /// component with its coefficient.
-    pub fn accumulate_paths(
-        &mut self,
-        mesh: &TriangleMesh,
-        weights: DualWeights,
-        components: &Components,
-        coefficients: &[(u32, f64)],
-        mut add: impl FnMut(u32, f64),
-    ) {
-        let m = mesh.n_faces() as u32;
-        self.flow.clear();
-        self.flow.resize(self.distance.len(), 0.0);
-        for &(component, coefficient) in coefficients {
-            self.flow[(m + component) as usize] += coefficient;
+        self.labels[m + source] = UNREACHED;
+        for node in self.reached.drain(..) {
+            self.labels[node as usize] = UNREACHED;
         }
-        for &node in self.order.iter().rev() {
-            let flow = self.flow[node as usize];
-            let entry = self.entry[node as usize];
-            if flow == 0.0 || entry == NONE {
+    }
+
+    fn relax(&mut self, graph: &ContractedDual, regions: &Regions, f: usize, distance: f64) {
+        for (half_edge, step) in graph.steps(f) {
+            let through = distance + step.length;
+            let label = &mut self.labels[step.node as usize];
+            if through >= label.distance {
                 continue;
             }
-            let (f, k) = ((entry / 3) as usize, (entry % 3) as usize);
-            let label = components.labels[f];
-            let previous = if label == NONE { f as u32 } else { m + label };
-            self.flow[previous as usize] += flow;
-            let factor = flow * weights.scale[f][k];
-            add(f as u32, factor);
-            add(mesh.neighbours()[f][k], factor);
+            let place = regions.places[step.node as usize];
+            let round = self.bounds.distances[place.nearest as usize] + place.distance;
+            if round < through * (1.0 - MARGIN) {
+                continue;
+            }
+            if label.entry == NONE {
+                self.reached.push(step.node);
+            }
+            *label = Label {
+                distance: through,
+                entry: half_edge,
+            };
+            self.heap.push(through, step.node);
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::mesh::tests::grid;
+    use std::collections::VecDeque;
 
-    #[test]
-    fn path_derivative_is_the_distance() {
-        // The distance is linear in the prices, so price . derivative = distance (Euler).
-        let mesh = grid(12, 6, |_, _| 0.0);
-        let centre = |f: usize| {
-            mesh.faces()[f]
-                .iter()
-                .map(|&v| mesh.vertices()[v as usize][0])
-                .sum::<f64>()
-                / 3.0
-        };
-        let inside = |f: usize| !(0.2..=0.8).contains(&centre(f));
-        let mut components = Components::default();
-        components.label(&mesh, inside, |_, _| true);
-        assert_eq!(components.count(), 2);
-        let price: Vec<f64> = (0..mesh.n_faces())
-            .map(|f| {
-                if inside(f) {
-                    0.0
-                } else {
-                    1.0 + (f as f64).sin().abs()
+    use super::*;
+    use crate::functionals::tests::noise;
+    use crate::mesh::tests::{grid, torus};
+
+    /// Distances of all faces from a component, without any contraction or bound.
+    fn plain_distances(
+        mesh: &TriangleMesh,
+        weights: DualWeights,
+        components: &Components,
+        source: usize,
+    ) -> Vec<f64> {
+        let mut distances = vec![f64::INFINITY; mesh.n_faces()];
+        let mut queue = VecDeque::new();
+        for &f in components.faces_of(source) {
+            distances[f as usize] = 0.0;
+            queue.push_back(f as usize);
+        }
+        while let Some(f) = queue.pop_front() {
+            for (k, &g) in mesh.neighbours()[f].iter().enumerate() {
+                if g == NONE {
+                    continue;
                 }
-            })
+                let g = g as usize;
+                let length = (weights.price[f] + weights.price[g]) * weights.scale[f][k];
+                if distances[f] + length < distances[g] {
+                    distances[g] = distances[f] + length;
+                    queue.push_back(g);
+                }
+            }
+        }
+        distances
+    }
+
+    /// Compares with plain searches where the components are a `part` of the faces; returns the
+    /// number of components.
+    fn check(mesh: &TriangleMesh, part: f64, price: impl Fn(f64) -> f64) -> usize {
+        let m = mesh.n_faces();
+        let noise = noise(2 * m);
+        let inside = |f: usize| noise[f].abs() < part;
+        let mut components = Components::default();
+        components.label(mesh, inside, |_, _| true);
+        // Faces that are free, but no target.
+        components.retain(|c| c % 5 != 4);
+        let count = components.count();
+        let prices: Vec<f64> = (0..m)
+            .map(|f| if inside(f) { 0.0 } else { price(noise[m + f]) })
             .collect();
-        let scale = vec![[0.5; 3]; mesh.n_faces()];
+        let scale: Vec<[f64; 3]> = mesh
+            .neighbours()
+            .iter()
+            .enumerate()
+            .map(|(f, across)| across.map(|g| 1.0 + ((f + g as usize) % 3) as f64))
+            .collect();
         let weights = DualWeights {
-            price: &price,
+            price: &prices,
             scale: &scale,
         };
-        let mut search = Search::default();
-        search.run(&mesh, weights, &components, 0, &[1]);
-        let distance = search.distance_to(&mesh, 1);
-        assert!(distance.is_finite() && distance > 0.0);
+        let (mut graph, mut regions) = (ContractedDual::default(), Regions::default());
+        graph.contract(mesh, weights, &components);
+        regions.grow(&graph, &components);
+        let mut pairs = AllPairs::default();
+        // What an earlier search has left must not matter.
+        for _ in 0..2 {
+            pairs.search(&graph, &components, &regions);
+        }
+
+        let masses: Vec<f64> = (0..count).map(|c| 1.0 + (c % 7) as f64).collect();
+        let mut tree = Tree::default();
+        let mut expected = 0.0;
+        for source in 0..count {
+            let plain = plain_distances(mesh, weights, &components, source);
+            pairs.network.shortest_paths(source as u32, &mut tree);
+            for (target, &distance) in tree.distances.iter().enumerate() {
+                let plain = plain[components.faces_of(target)[0] as usize];
+                assert!(
+                    (distance - plain).abs() <= 1e-12 * plain,
+                    "{distance} for {plain} from {source} to {target} of {count}"
+                );
+                expected += masses[source] * masses[target] * plain;
+            }
+        }
+        let mut rows = vec![0.0; count];
+        pairs.differentiate(&masses, &mut rows);
+        let value: f64 = masses.iter().zip(&rows).map(|(w, row)| 0.5 * w * row).sum();
+        assert!((value - expected).abs() <= 1e-12 * expected);
+        // The sum is linear in the prices, so prices . derivative = value (Euler).
         let mut total = 0.0;
-        search.accumulate_paths(&mesh, weights, &components, &[(1, 1.0)], |f, a| {
-            total += a * price[f as usize];
-        });
-        assert!((total - distance).abs() < 1e-12);
+        pairs.accumulate_paths(mesh, weights, |f, a| total += a * prices[f as usize]);
+        assert!((total - expected).abs() <= 1e-12 * expected);
+        count
+    }
+
+    #[test]
+    fn all_pairs_of_few_and_of_many_components() {
+        let sheet = grid(36, 24, |x, y| 0.1 * (6.0 * x).sin() * y);
+        let ring = torus(40, 20, 0.4);
+        for mesh in [&sheet, &ring] {
+            let counts = [0.002, 0.02, 0.1, 0.3].map(|part| {
+                // Of a like size, of every size, and with ties everywhere.
+                check(mesh, part, |x| 0.1 + x.abs());
+                check(mesh, part, |x| (12.0 * x).exp());
+                check(mesh, part, |_| 1.0)
+            });
+            assert!(counts[0] < 6 && counts[3] > 150, "{counts:?}");
+        }
     }
 }
