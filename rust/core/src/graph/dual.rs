@@ -89,6 +89,10 @@ impl ContractedDual {
         self.steps.len() + self.n_components
     }
 
+    pub(super) fn step(&self, half_edge: u32) -> Step {
+        self.steps[half_edge as usize / 3][half_edge as usize % 3]
+    }
+
     /// The steps out of a face, each with its half-edge.
     pub(super) fn steps(&self, f: usize) -> impl Iterator<Item = (u32, Step)> {
         self.steps[f]

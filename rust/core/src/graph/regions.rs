@@ -13,7 +13,7 @@ pub(super) struct Place {
     pub(super) distance: f64,
     pub(super) nearest: u32,
     /// The half-edge over which the node was reached, [`NONE`] in a component.
-    entry: u32,
+    pub(super) entry: u32,
 }
 
 /// The shortest path between two components whose regions touch, along the two searches that met
@@ -33,6 +33,8 @@ pub struct Meeting {
 pub struct Regions {
     pub(super) places: Vec<Place>,
     heap: RadixHeap,
+    /// The half-edges that lead out of a region, each after the component of the region.
+    borders: Vec<(u32, u32)>,
     /// One for each pair of components whose regions touch.
     pub meetings: Vec<Meeting>,
 }
@@ -88,15 +90,20 @@ impl Regions {
         }
     }
 
-    /// The shortest meeting of each pair of components whose regions touch.
+    /// The borders, and the shortest meeting of each pair of components whose regions touch.
     fn meet(&mut self, graph: &ContractedDual) {
+        self.borders.clear();
         self.meetings.clear();
         for f in 0..graph.n_faces() {
             let here = self.places[f];
             for (half_edge, step) in graph.steps(f) {
                 let there = self.places[step.node as usize];
                 let length = here.distance + step.length + there.distance;
-                if here.nearest < there.nearest && length < f64::INFINITY {
+                if here.nearest == there.nearest || length == f64::INFINITY {
+                    continue;
+                }
+                self.borders.push((here.nearest, half_edge));
+                if here.nearest < there.nearest {
                     self.meetings.push(Meeting {
                         link: Link {
                             ends: [here.nearest, there.nearest],
@@ -107,12 +114,22 @@ impl Regions {
                 }
             }
         }
+        self.borders.sort_unstable();
         self.meetings.sort_unstable_by(|a, b| {
             (a.link.ends.cmp(&b.link.ends))
                 .then(a.link.length.total_cmp(&b.link.length))
                 .then(a.half_edge.cmp(&b.half_edge))
         });
         self.meetings.dedup_by_key(|meeting| meeting.link.ends);
+    }
+
+    /// The half-edges that lead out of the region of a component.
+    pub(super) fn border(&self, component: u32) -> impl Iterator<Item = u32> {
+        let start = self.borders.partition_point(|border| border.0 < component);
+        let border = self.borders[start..].iter();
+        border
+            .take_while(move |border| border.0 == component)
+            .map(|border| border.1)
     }
 
     /// Derivative of coefficient x length of a meeting: calls `add(f, a)` for every face f whose

@@ -4,6 +4,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
+use super::dual::Step;
 use super::radix_heap::RadixHeap;
 use super::regions::Regions;
 use super::{Components, ContractedDual, DualWeights, Link, Network, Tree};
@@ -73,7 +74,7 @@ impl AllPairs {
             .with_max_len(1)
             .for_each(|(source, paths)| {
                 let mut search = take(searches).unwrap_or_default();
-                search.run(graph, components, regions, network, source, paths);
+                search.run(graph, regions, network, source as u32, paths);
                 give_back(searches, search);
             });
         self.network.join(count, links(&self.direct));
@@ -196,21 +197,20 @@ impl Search {
     fn run(
         &mut self,
         graph: &ContractedDual,
-        components: &Components,
         regions: &Regions,
         network: &Network,
-        source: usize,
+        source: u32,
         found: &mut DirectPaths,
     ) {
         let m = graph.n_faces();
         if self.labels.len() < graph.n_nodes() {
             self.labels.resize(graph.n_nodes(), UNREACHED);
         }
-        network.shortest_paths(source as u32, &mut self.bounds);
-        self.labels[m + source].distance = 0.0;
+        network.shortest_paths(source, &mut self.bounds);
         self.heap.clear();
-        for &f in components.faces_of(source) {
-            self.relax(graph, regions, f as usize, 0.0);
+        for half_edge in regions.border(source) {
+            let distance = regions.places[half_edge as usize / 3].distance;
+            self.reach(regions, source, half_edge, graph.step(half_edge), distance);
         }
         while let Some((distance, node)) = self.heap.pop() {
             if distance > self.labels[node as usize].distance {
@@ -222,51 +222,56 @@ impl Search {
                     network.shorten(&mut self.bounds, component, distance);
                 }
             } else {
-                self.relax(graph, regions, node as usize, distance);
+                for (half_edge, step) in graph.steps(node as usize) {
+                    self.reach(regions, source, half_edge, step, distance);
+                }
             }
         }
         for &node in &self.reached {
-            if node as usize > m + source {
+            if node > m as u32 + source {
                 let label = self.labels[node as usize];
                 found.links.push(Link {
-                    ends: [source as u32, node - m as u32],
+                    ends: [source, node - m as u32],
                     length: label.distance,
                 });
                 let mut entry = label.entry;
                 while entry != NONE {
                     found.half_edges.push(entry);
-                    entry = self.labels[entry as usize / 3].entry;
+                    let (face, place) = (entry as usize / 3, regions.places[entry as usize / 3]);
+                    entry = match place.nearest == source {
+                        true => place.entry,
+                        false => self.labels[face].entry,
+                    };
                 }
                 found.ends.push(found.half_edges.len());
             }
         }
-        self.labels[m + source] = UNREACHED;
         for node in self.reached.drain(..) {
             self.labels[node as usize] = UNREACHED;
         }
     }
 
-    fn relax(&mut self, graph: &ContractedDual, regions: &Regions, f: usize, distance: f64) {
-        for (half_edge, step) in graph.steps(f) {
-            let through = distance + step.length;
-            let label = &mut self.labels[step.node as usize];
-            if through >= label.distance {
-                continue;
-            }
-            let place = regions.places[step.node as usize];
-            let round = self.bounds.distances[place.nearest as usize] + place.distance;
-            if round < through * (1.0 - MARGIN) {
-                continue;
-            }
-            if label.entry == NONE {
-                self.reached.push(step.node);
-            }
-            *label = Label {
-                distance: through,
-                entry: half_edge,
-            };
-            self.heap.push(through, step.node);
+    /// Takes a step from a face that is reached at `distance`.
+    #[inline]
+    fn reach(&mut self, regions: &Regions, source: u32, half_edge: u32, step: Step, distance: f64) {
+        let through = distance + step.length;
+        let label = &mut self.labels[step.node as usize];
+        if through >= label.distance {
+            return;
         }
+        let place = regions.places[step.node as usize];
+        let round = self.bounds.distances[place.nearest as usize] + place.distance;
+        if place.nearest == source || round < through * (1.0 - MARGIN) {
+            return;
+        }
+        if label.entry == NONE {
+            self.reached.push(step.node);
+        }
+        *label = Label {
+            distance: through,
+            entry: half_edge,
+        };
+        self.heap.push(through, step.node);
     }
 }
 
