@@ -137,6 +137,12 @@ fn functionals(criterion: &mut Criterion) {
         |case| Area::new(&case.mesh, 0.1 * case.epsilon, None).expect("delta is in [0, 1)"),
         halves,
     );
+    bench(
+        criterion,
+        "connectedness, 1 component",
+        connectedness,
+        halves,
+    );
     for (form, with_form) in FORMS {
         let make = |case: &Case| with_form(connectedness(case));
         let name = |components: &str| format!("connectedness {form}, {components} components");

@@ -211,17 +211,13 @@ impl Connectedness {
         let laws = self.laws;
         let m = mesh.n_faces();
         workspace.values.resize(m, 0.0);
-        workspace.price.resize(m, 0.0);
         workspace
             .values
             .par_chunks_mut(CHUNK)
-            .zip(workspace.price.par_chunks_mut(CHUNK))
             .enumerate()
-            .for_each(|(chunk, (values, prices))| {
-                for (offset, (value, price)) in values.iter_mut().zip(prices).enumerate() {
-                    let f = chunk * CHUNK + offset;
-                    *value = sign * mesh.face_mean(u, f);
-                    *price = laws.f(*value) + if self.inside[f] { 0.0 } else { laws.f(0.0) };
+            .for_each(|(chunk, values)| {
+                for (offset, value) in values.iter_mut().enumerate() {
+                    *value = sign * mesh.face_mean(u, chunk * CHUNK + offset);
                 }
             });
         let values = &workspace.values;
@@ -242,16 +238,22 @@ impl Connectedness {
         masses.retain(|&mass| mass > 0.0);
     }
 
-    /// Evaluates one phase; leaves its derivative by the face values in `face_gradient`.
+    /// Evaluates one phase; leaves its derivative by the face values in `face_gradient`, which is
+    /// empty where that is zero.
     fn evaluate(&self, u: &[f64], sign: f64, workspace: &mut Workspace) -> f64 {
         self.find_components(u, sign, workspace);
-        let m = self.mesh.n_faces();
         workspace.face_gradient.clear();
-        workspace.face_gradient.resize(m, 0.0);
         let count = workspace.components.count();
         if count < 2 {
             return 0.0;
         }
+        let laws = self.laws;
+        workspace.face_gradient.resize(self.mesh.n_faces(), 0.0);
+        workspace.price.clear();
+        let prices = workspace.values.iter().zip(&self.inside);
+        workspace.price.extend(
+            prices.map(|(&value, &inside)| laws.f(value) + if inside { 0.0 } else { laws.f(0.0) }),
+        );
         workspace.potential.clear();
         workspace.potential.resize(count, 0.0);
         let weights = DualWeights {
@@ -269,7 +271,7 @@ impl Connectedness {
             for &f in workspace.components.faces_of(c) {
                 let f = f as usize;
                 workspace.face_gradient[f] +=
-                    slope * self.measure[f] * self.laws.h_prime(workspace.values[f]);
+                    slope * self.measure[f] * laws.h_prime(workspace.values[f]);
             }
         }
         value
@@ -282,7 +284,6 @@ impl Connectedness {
             price,
             face_gradient,
             values,
-            components,
             masses,
             saturated,
             potential,
@@ -293,7 +294,7 @@ impl Connectedness {
         } = workspace;
         saturated.clear();
         saturated.extend(masses.iter().map(|&mass| self.saturate(mass).0));
-        pairs.search(graph, components, regions);
+        pairs.search(graph, regions);
         pairs.differentiate(saturated, potential);
         let weights = DualWeights {
             price,

@@ -21,7 +21,7 @@ pub(super) struct Place {
 #[derive(Debug, Clone, Copy)]
 pub struct Meeting {
     pub link: Link,
-    half_edge: u32,
+    pub(super) half_edge: u32,
 }
 
 /// One search from all components at once and its buffers.
@@ -33,8 +33,6 @@ pub struct Meeting {
 pub struct Regions {
     pub(super) places: Vec<Place>,
     heap: RadixHeap,
-    /// The half-edges that lead out of a region, each after the component of the region.
-    borders: Vec<(u32, u32)>,
     /// One for each pair of components whose regions touch.
     pub meetings: Vec<Meeting>,
 }
@@ -90,21 +88,16 @@ impl Regions {
         }
     }
 
-    /// The borders, and the shortest meeting of each pair of components whose regions touch.
-    fn meet(&mut self, graph: &ContractedDual) {
-        self.borders.clear();
-        self.meetings.clear();
+    /// Calls `cross` with every half-edge that leads from a region to another, the components of the
+    /// two, the first of them first, and the length of the path that crosses there.
+    pub(super) fn crossings(&self, graph: &ContractedDual, mut cross: impl FnMut(Meeting)) {
         for f in 0..graph.n_faces() {
             let here = self.places[f];
             for (half_edge, step) in graph.steps(f) {
                 let there = self.places[step.node as usize];
                 let length = here.distance + step.length + there.distance;
-                if here.nearest == there.nearest || length == f64::INFINITY {
-                    continue;
-                }
-                self.borders.push((here.nearest, half_edge));
-                if here.nearest < there.nearest {
-                    self.meetings.push(Meeting {
+                if here.nearest != there.nearest && length < f64::INFINITY {
+                    cross(Meeting {
                         link: Link {
                             ends: [here.nearest, there.nearest],
                             length,
@@ -114,22 +107,24 @@ impl Regions {
                 }
             }
         }
-        self.borders.sort_unstable();
+    }
+
+    /// The shortest meeting of each pair of components whose regions touch.
+    fn meet(&mut self, graph: &ContractedDual) {
+        let mut meetings = std::mem::take(&mut self.meetings);
+        meetings.clear();
+        self.crossings(graph, |meeting| {
+            if meeting.link.ends[0] < meeting.link.ends[1] {
+                meetings.push(meeting);
+            }
+        });
+        self.meetings = meetings;
         self.meetings.sort_unstable_by(|a, b| {
             (a.link.ends.cmp(&b.link.ends))
                 .then(a.link.length.total_cmp(&b.link.length))
                 .then(a.half_edge.cmp(&b.half_edge))
         });
         self.meetings.dedup_by_key(|meeting| meeting.link.ends);
-    }
-
-    /// The half-edges that lead out of the region of a component.
-    pub(super) fn border(&self, component: u32) -> impl Iterator<Item = u32> {
-        let start = self.borders.partition_point(|border| border.0 < component);
-        let border = self.borders[start..].iter();
-        border
-            .take_while(move |border| border.0 == component)
-            .map(|border| border.1)
     }
 
     /// Derivative of coefficient x length of a meeting: calls `add(f, a)` for every face f whose

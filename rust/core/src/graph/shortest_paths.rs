@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::dual::Step;
 use super::radix_heap::RadixHeap;
 use super::regions::Regions;
-use super::{Components, ContractedDual, DualWeights, Link, Network, Tree};
+use super::{ContractedDual, DualWeights, Link, Network, Tree};
 use crate::buffers::{give_back, take};
 use crate::mesh::{NONE, TriangleMesh};
 
@@ -33,6 +33,8 @@ const BLOCKS: usize = 16;
 pub struct AllPairs {
     /// First of the regions that touch, then of the direct paths.
     network: Network,
+    /// The half-edges that lead out of a region, each after the component of the region.
+    borders: Vec<(u32, u32)>,
     direct: Vec<DirectPaths>,
     searches: Mutex<Vec<Search>>,
     blocks: Vec<Block>,
@@ -59,22 +61,31 @@ struct Block {
 
 impl AllPairs {
     /// Finds the direct paths.
-    pub fn search(&mut self, graph: &ContractedDual, components: &Components, regions: &Regions) {
-        let count = components.count();
+    pub fn search(&mut self, graph: &ContractedDual, regions: &Regions) {
+        let count = graph.n_nodes() - graph.n_faces();
         if self.direct.len() < count {
             self.direct.resize_with(count, DirectPaths::default);
         }
         self.direct.iter_mut().for_each(DirectPaths::clear);
         let touching = regions.meetings.iter().map(|meeting| meeting.link);
         self.network.join(count, touching);
-        let (network, searches) = (&self.network, &self.searches);
+        self.borders.clear();
+        regions.crossings(graph, |crossing| {
+            let [here, _] = crossing.link.ends;
+            self.borders.push((here, crossing.half_edge));
+        });
+        self.borders.sort_unstable();
+        let (network, borders, searches) = (&self.network, &self.borders, &self.searches);
         self.direct[..count]
             .par_iter_mut()
             .enumerate()
             .with_max_len(1)
             .for_each(|(source, paths)| {
+                let source = source as u32;
+                let start = borders.partition_point(|border| border.0 < source);
+                let end = borders.partition_point(|border| border.0 <= source);
                 let mut search = take(searches).unwrap_or_default();
-                search.run(graph, regions, network, source as u32, paths);
+                search.run(graph, regions, network, &borders[start..end], source, paths);
                 give_back(searches, search);
             });
         self.network.join(count, links(&self.direct));
@@ -199,6 +210,7 @@ impl Search {
         graph: &ContractedDual,
         regions: &Regions,
         network: &Network,
+        border: &[(u32, u32)],
         source: u32,
         found: &mut DirectPaths,
     ) {
@@ -208,7 +220,7 @@ impl Search {
         }
         network.shortest_paths(source, &mut self.bounds);
         self.heap.clear();
-        for half_edge in regions.border(source) {
+        for &(_, half_edge) in border {
             let distance = regions.places[half_edge as usize / 3].distance;
             self.reach(regions, source, half_edge, graph.step(half_edge), distance);
         }
@@ -281,6 +293,7 @@ mod tests {
 
     use super::*;
     use crate::functionals::tests::noise;
+    use crate::graph::Components;
     use crate::mesh::tests::{grid, torus};
 
     /// Distances of all faces from a component, without any contraction or bound.
@@ -342,7 +355,7 @@ mod tests {
         let mut pairs = AllPairs::default();
         // What an earlier search has left must not matter.
         for _ in 0..2 {
-            pairs.search(&graph, &components, &regions);
+            pairs.search(&graph, &regions);
         }
 
         let masses: Vec<f64> = (0..count).map(|c| 1.0 + (c % 7) as f64).collect();
