@@ -28,7 +28,8 @@ const BLOCKS: usize = 16;
 /// that by induction over the length the chains of direct paths that are found reach from i to j.
 ///
 /// The bounds B are distances in the network of the components whose [`Regions`] touch, together
-/// with the direct paths that the same search has found so far.
+/// with the direct paths that the same search has found so far. Within its own region the distances
+/// from a component are known, so the search starts at the border of that.
 #[derive(Debug, Default)]
 pub struct AllPairs {
     /// First of the regions that touch, then of the direct paths.
