@@ -1,7 +1,8 @@
 """One segmentation in a process of its own, and where its time went, as JSON.
 
-`python one_solve.py SUBDIVISIONS OPTIONS` with the options of `phaseatlas.segment` as JSON; the
-option "plain" turns the continuation in epsilon off.
+`python one_solve.py SURFACE OPTIONS` with the vertices and faces in an `.npz` file, so that making
+them takes no memory here, and the options of `phaseatlas.segment` as JSON; the option "plain" turns
+the continuation in epsilon off.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
-import scipy.optimize
+import numpy as np
 
 import phaseatlas as pa
-from surfaces import icosphere
+from phaseatlas import _core, coarsen, hierarchy
 
 _FUNCTIONALS = ("Perimeter", "Area", "Connectedness", "Distortion")
 
@@ -61,8 +63,8 @@ class _Clock:
             self.seconds["set-up"] += extra
 
 
-def main(subdivisions: int, options: dict[str, Any]) -> dict[str, Any]:
-    """Segment the icosphere and return figures of the solve.
+def main(path: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Segment the surface and return figures of the solve.
 
     Returns
     -------
@@ -70,7 +72,8 @@ def main(subdivisions: int, options: dict[str, Any]) -> dict[str, Any]:
         Seconds of the whole, of wall and of CPU, and of its parts, iterations, evaluations,
         energy, violation and peak memory in MB; "error" where there is no segmentation.
     """
-    surface = icosphere(subdivisions)
+    with np.load(path) as arrays:
+        surface = pa.Surface(arrays["vertices"], arrays["faces"])
     if options.pop("plain", False):
         options["epsilon"] = options["epsilon_start"] = 2 * surface.mean_edge_length
     before = _peak_memory()
@@ -82,12 +85,19 @@ def main(subdivisions: int, options: dict[str, Any]) -> dict[str, Any]:
         functional.value_and_gradient = clock.timed(name, functional.value_and_gradient)
     pa.Surface.__init__ = clock.timed("set-up", pa.Surface.__init__)  # type: ignore[method-assign]
 
-    minimize = scipy.optimize.minimize
+    hierarchy.coarsen = clock.timed("coarsening", coarsen.coarsen)  # type: ignore[attr-defined]
+    hierarchy._MINIMISE["lbfgs"] = clock.timed("driver", hierarchy._MINIMISE["lbfgs"])
+    memory = _core.LimitedMemory
 
-    def timed_minimize(function: Callable[..., Any], *args: Any, **keywords: Any) -> Any:
-        return minimize(clock.timed("sum", function), *args, **keywords)
+    def timed_memory(n: int, capacity: int) -> Any:
+        inner = memory(n, capacity)
+        timed = MagicMock(wraps=inner)
+        timed.__len__.side_effect = inner.__len__
+        timed.update = clock.timed("L-BFGS", inner.update)
+        timed.direction = clock.timed("L-BFGS", inner.direction)
+        return timed
 
-    scipy.optimize.minimize = clock.timed("SciPy", timed_minimize)
+    _core.LimitedMemory = timed_memory  # type: ignore[misc, assignment]
 
     start, cpu_start = time.perf_counter(), time.process_time()
     figures: dict[str, Any] = {"error": None}
@@ -132,4 +142,4 @@ def _peak_memory() -> float:
 
 
 if __name__ == "__main__":
-    print(json.dumps(main(int(sys.argv[1]), json.loads(sys.argv[2]))))
+    print(json.dumps(main(sys.argv[1], json.loads(sys.argv[2]))))

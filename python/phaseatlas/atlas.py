@@ -7,10 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -21,6 +20,9 @@ from .metrics import atlas_metrics
 from .packing import check_packing, face_areas, pack
 from .surface import Surface
 from .texture import Texture, bake, blend_vertices, checker
+
+if TYPE_CHECKING:
+    import trimesh
 
 __all__ = ["Atlas", "Chart", "build_atlas"]
 
@@ -153,6 +155,8 @@ class Atlas:
         ValueError
             For another suffix.
         """
+        import trimesh
+
         path = Path(path)
         suffix = path.suffix.lower()
         if suffix not in (".glb", ".obj"):
@@ -177,6 +181,8 @@ class Atlas:
         write_bytes(path, text.encode())
 
     def _textured_mesh(self, image: NDArray[np.uint8], name: str) -> trimesh.Trimesh:
+        import trimesh
+
         corners = np.column_stack(
             [self.surface.faces.reshape(-1).astype(np.float64), self.uv.reshape(-1, 2)]
         )

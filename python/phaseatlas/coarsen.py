@@ -14,10 +14,13 @@ from typing import Any
 import fast_simplification
 import numpy as np
 import scipy.sparse
+from numpy.typing import NDArray
 
 from .surface import Surface
 
 __all__ = ["Coarse", "coarsen"]
+
+Ints = NDArray[np.int64]
 
 # Part of the faces to keep, and whether to leave the border alone: what is tried until it gives a
 # surface. A quarter makes edges twice as long.
@@ -73,12 +76,9 @@ def coarsen(surface: Surface) -> Coarse | None:
             continue
     else:
         return None
-    index = np.full(len(vertices), -1)
-    index[used] = np.arange(len(used))
-    target = index[collapsed_to]
-    mapped = np.flatnonzero(target >= 0)
+    position, found = _positions(used, collapsed_to)
     injection = scipy.sparse.csr_array(
-        (np.ones(len(mapped)), (mapped, target[mapped])), shape=(surface.n_vertices, len(used))
+        (np.ones(len(found)), (found, position)), shape=(surface.n_vertices, len(used))
     )
     prolongation = _with_neighbours(surface) @ injection
     while np.any(np.diff(prolongation.indptr) == 0):
@@ -91,24 +91,41 @@ def coarsen(surface: Surface) -> Coarse | None:
 
 
 def _simplified(surface: Surface, kept: float, preserve_border: bool) -> tuple[Any, Any, Any]:
-    """Vertices, faces without those folded flat, and the vertex that each has collapsed to."""
-    faces = surface.faces.astype(np.int32)
+    """Vertices, faces but those folded flat, and the vertex that each has collapsed to, or -1."""
     with _LOCK:
-        _, _, collapses = fast_simplification.simplify(
+        vertices, faces, collapses = fast_simplification.simplify(
             surface.vertices.copy(),
-            faces,
+            surface.faces.astype(np.int32),
             target_count=int(kept * surface.n_faces),
             return_collapses=True,
             preserve_border=preserve_border,
         )
-        vertices, faces, collapsed_to = fast_simplification.replay_simplification(
-            surface.vertices.copy(), faces, collapses
+    target = np.arange(surface.n_vertices)
+    target[collapses[:, 1]] = collapses[:, 0]
+    while not np.array_equal(further := target[target], target):
+        target = further
+    # The library keeps the order of the vertices, less those without a face.
+    corners = target[surface.faces]
+    survivors = np.unique(corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)])
+    if len(survivors) != len(vertices):
+        raise RuntimeError(
+            f"fast-simplification left {len(vertices)} vertices, its collapses {len(survivors)}"
         )
+    position, found = _positions(survivors, target)
+    collapsed_to = np.full(surface.n_vertices, -1)
+    collapsed_to[found] = position
     # Two faces on the same three vertices are what is left of a spike.
     _, face, count = np.unique(
         np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
     )
     return vertices, faces[count[face.reshape(-1)] == 1], collapsed_to
+
+
+def _positions(sorted_values: Ints, values: Ints) -> tuple[Ints, Ints]:
+    """Positions of those values that are among the sorted ones, and where they are in `values`."""
+    position = np.searchsorted(sorted_values, values).clip(max=len(sorted_values) - 1)
+    found = np.flatnonzero(sorted_values[position] == values)
+    return position[found], found
 
 
 def _with_neighbours(surface: Surface) -> Any:

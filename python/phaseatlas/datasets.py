@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-import trimesh
 from numpy.typing import NDArray
 
 from .surface import Surface
@@ -319,6 +318,8 @@ def _on_starfish(directions: FloatArray) -> FloatArray:
 
 
 def _unit_icosphere(subdivisions: int) -> tuple[FloatArray, IntArray]:
+    import trimesh
+
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=1.0)
     return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
 

@@ -47,7 +47,8 @@ _COARSEST = 0.2
 # the border must find the way along it before it has shrunk to its shortest.
 _COARSEST_DISTORTED = 0.1
 # An interface is resolved by edges of this part of epsilon; a simplified surface has edges a little
-# longer than twice those of the finer one. The distortion needs finer ones to tell good from bad.
+# longer than twice those of the finer one. With distortion, stages go on from there to finer
+# edges: coarse ones do not tell good from bad.
 _RESOLVED = 0.65
 _RESOLVED_DISTORTED = 0.35
 _MINIMISE: dict[Solver, Callable[..., Result]] = {
@@ -58,13 +59,16 @@ _COARSE: dict[Solver, dict[str, Any]] = {
     "lbfgs": {"tolerance": 1e-5, "max_updates": 1},
     "ipopt": {"tolerance": 1e-5},
 }
+# Until starts are first compared.
+_COARSEST_TOLERANCE = 1e-4
 # The distortion is stiff: with 1e-7, as without it, most of the steps gain nothing.
 _DISTORTED: dict[Solver, dict[str, Any]] = {"lbfgs": {"tolerance": 3e-6}, "ipopt": {}}
 # Of starts whose energies differ by less than this part one goes on.
 _SAME_ENERGY = 1e-3
-# Random starts without distortion, and with it, where others join them.
+# Random starts without distortion. Several starts are tried on surfaces of up to so many vertices;
+# with distortion, whose minima differ more, on larger ones too.
 _RANDOM_STARTS = 8
-_NOISES = 3
+_CHEAP = 4000
 # First steps of each start: the better half of them goes on, for twice as many, until one is
 # left. Steps in which noise parts into phases.
 _START_STEPS = 20
@@ -456,8 +460,8 @@ def segment(
         Random values in [-1, 1], two clusters of normals, or fields of shape (n,) for the root
         or (2**levels - 1, n) for all nodes. "auto" tries several starts on coarse surfaces and
         goes on from the best, that of least energy and with no segment in pieces: eight of random
-        values; with distortion three of them, the split along a principal axis of the normals that
-        is best after a few steps, and the segments of least perimeter.
+        values; with distortion one of them, the split along a principal axis of the normals that is
+        best after a few steps, and the segments of least perimeter.
     seed : int, default 0
         Of the random values.
     solver : {"lbfgs", "ipopt"}
@@ -876,16 +880,16 @@ class _NodeSolver:
         self.progress = progress
         self.levels = [_Level(node)]
         self.size = float(np.sqrt(self.levels[0].area.total))
-        self.resolved = _RESOLVED if node.settings.distortion == 0 else _RESOLVED_DISTORTED
         if node.settings.coarse and node.initial is None:
             coarsest = node.settings.coarsest or self.size * _COARSEST
-            while 2 * self.levels[-1].node.surface.mean_edge_length <= self.resolved * coarsest:
+            while 2 * self.levels[-1].node.surface.mean_edge_length <= _RESOLVED * coarsest:
                 coarser = self.levels[-1].coarser()
                 if coarser is None:
                     break
                 self.levels.append(coarser)
         u = np.zeros(node.surface.n_vertices) if node.initial is None else node.initial
         self.state = _State(u, 0, 0.0, node.settings.penalty)
+        self.roughly = False
         self.random = np.random.default_rng([node.settings.seed, node.level, node.index])
         self.iterations = 0
         self.evaluations = 0
@@ -905,10 +909,9 @@ class _NodeSolver:
         if self.node.initial is not None:
             self._descend(stages)
             return
-        starts, rounds = self._starts(), self._rounds(stages)
-        if rounds[-1].stages == 0:
-            # Nothing is cheap enough for more than one start.
-            starts = starts[:1]
+        cheap = sum(self.levels[at].node.surface.n_vertices <= _CHEAP for _, at in stages)
+        starts, rounds = self._starts(cheap), self._rounds(stages, cheap)
+        self.roughly = len(starts) > 1
         rivals = []
         for start in starts:
             left = start(stages)
@@ -920,41 +923,35 @@ class _NodeSolver:
                 self._descend(left[:todo])
                 ends.append(_End(self._in_pieces(), self.state, left[todo:]))
             rivals = [(end.state, end.left) for end in _best(ends, round_.kept)]
+            self.roughly = False
         self.state, left = rivals[0]
         self._descend(left)
 
-    def _rounds(self, stages: list[_Stage]) -> list[_Round]:
-        """After which stages the starts are compared.
-
-        The perimeter tells soon; with distortion the widest interfaces do not.
-        """
-
-        def up_to(vertices: int) -> int:
-            sizes = [self.levels[stage.at].node.surface.n_vertices for stage in stages]
-            return sum(size <= vertices for size in sizes)
-
-        if self.node.settings.distortion == 0:
-            return [_Round(up_to(1000), 2), _Round(up_to(4000), 1)]
-        before_last = max(1, len(stages) - 1)
-        return [_Round(min(up_to(4000), before_last), 2), _Round(before_last, 1)]
-
-    def _starts(self) -> Sequence[_Start]:
+    def _starts(self, cheap: int) -> Sequence[_Start]:
         """Ways to start, which set a field and return the stages that are left to do.
 
         With distortion none is the best everywhere, and a wide interface does not tell.
         """
         settings = self.node.settings
+        if settings.initial == "normals":
+            return [self._clustered]
         if settings.distortion > 0:
-            return {
-                "random": [self._parted_noise],
-                "normals": [self._clustered],
-                "auto": [self._parted_noise] * _NOISES + [self._split_by_normals, self._shortest],
-            }[settings.initial]
-        return {
-            "random": [self._random],
-            "normals": [self._clustered],
-            "auto": [self._random, self._narrower_random] * (_RANDOM_STARTS // 2),
-        }[settings.initial]
+            rivals = [self._split_by_normals, self._shortest] if settings.initial == "auto" else []
+            return [self._parted_noise, *rivals]
+        if settings.initial == "random" or cheap == 0:
+            return [self._random]
+        others = [self._narrower_random if cheap > 1 else self._random]
+        return [self._random, *others] * (_RANDOM_STARTS // 2)
+
+    def _rounds(self, stages: list[_Stage], cheap: int) -> list[_Round]:
+        """After which stages the starts are compared, the first of which are cheap."""
+        if self.node.settings.distortion > 0:
+            before_last = max(1, len(stages) - 1)
+            rounds = [_Round(min(cheap, before_last), 2), _Round(before_last, 1)]
+        else:
+            # The perimeter tells soon.
+            rounds = [_Round(min(cheap, 2), 2), _Round(cheap, 1)]
+        return [round_ for round_ in rounds if round_.stages > 0]
 
     def _descend(self, stages: list[_Stage]) -> None:
         for stage in stages:
@@ -997,7 +994,7 @@ class _NodeSolver:
 
     def _parted_noise(self, stages: list[_Stage]) -> list[_Stage]:
         """Random values after the few steps in which they part into a labyrinth of phases."""
-        stage = self._stage_of(0.5 * stages[0].epsilon)
+        stage = stages[0]._replace(epsilon=0.5 * stages[0].epsilon)
         self._set(stage.at, self._noise)
         self._stage(stage, alone=True, max_iterations=_NOISE_STEPS)
         return stages
@@ -1026,7 +1023,7 @@ class _NodeSolver:
     def _shortest(self, stages: list[_Stage]) -> list[_Stage]:
         """The field of least perimeter."""
         widths = self._halved(stages[0].epsilon, self.size * _COARSEST)
-        wide = [self._stage_of(width) for width in widths]
+        wide = [_Stage(width, self._coarsest_for(_RESOLVED * width)) for width in widths]
         self._set(wide[0].at, self._noise)
         for stage in wide:
             self._stage(stage, alone=True)
@@ -1068,14 +1065,18 @@ class _NodeSolver:
             coarsest = 0.0
         else:
             coarsest = self.size * (_COARSEST_DISTORTED if settings.distortion > 0 else _COARSEST)
-        stages = [self._stage_of(width) for width in self._halved(settings.epsilon, coarsest)]
-        finer = range(stages[-1].at - 1, -1, -1)
-        return stages + [_Stage(settings.epsilon, at) for at in finer]
+        edges = _RESOLVED if settings.distortion == 0 else _RESOLVED_DISTORTED
+        stages: list[_Stage] = []
+        for width in self._halved(settings.epsilon, coarsest):
+            finest = self._coarsest_for(edges * width) if width > settings.epsilon else 0
+            coarse = self._coarsest_for(_RESOLVED * width) if stages else finest
+            stages += [_Stage(width, at) for at in range(coarse, finest - 1, -1)]
+        return stages
 
-    def _stage_of(self, epsilon: float) -> _Stage:
-        """An interface on the coarsest surface that resolves it."""
+    def _coarsest_for(self, edge_length: float) -> int:
+        """The coarsest surface with edges of up to this length, or the finest."""
         lengths = [level.node.surface.mean_edge_length for level in self.levels[1:]]
-        return _Stage(epsilon, sum(length <= self.resolved * epsilon for length in lengths))
+        return sum(length <= edge_length for length in lengths)
 
     def _halved(self, epsilon: float, coarsest: float) -> list[float]:
         """Halving widths down to `epsilon`, from at most `coarsest`."""
@@ -1166,7 +1167,8 @@ class _NodeSolver:
     def _tolerances(self, last: bool) -> dict[str, Any]:
         settings = self.node.settings
         if not last:
-            return _COARSE[settings.solver]
+            roughly = {"tolerance": _COARSEST_TOLERANCE} if self.roughly else {}
+            return _COARSE[settings.solver] | roughly
         return _DISTORTED[settings.solver] if settings.distortion > 0 else {}
 
     def _perimeter(self, epsilon: float) -> Perimeter:

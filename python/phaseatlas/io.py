@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from .surface import Surface
@@ -47,6 +46,9 @@ def load(path: str | PathLike[str]) -> Surface:
     FileNotFoundError
         For a missing file.
     """
+    # It takes as long to import as all the rest: only where files are read or written.
+    import trimesh
+
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
@@ -94,6 +96,8 @@ def save_ply(tree: SegmentTree, path: str | PathLike[str]) -> None:
     path : str or PathLike
         The file; written whole or not at all.
     """
+    import trimesh
+
     mesh = trimesh.Trimesh(tree.surface.vertices, tree.surface.faces, process=False)
     for leaf, weight in enumerate(tree.weights):
         mesh.vertex_attributes[f"weight_{leaf}"] = weight
@@ -120,6 +124,8 @@ def save_mesh(surface: Surface, path: str | PathLike[str]) -> None:
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(f"path: {path} must end in {' or '.join(MESH_SUFFIXES)}")
+    import trimesh
+
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     data: Any
     if suffix in (".obj", ".off"):

@@ -32,7 +32,7 @@ _PENALTY_GROWTH = 4.0
 _SHRINK = 0.25
 _MAX_MULTIPLIER_UPDATES = 30
 # Pairs of L-BFGS; constants of the weak Wolfe conditions; bisections of a line search.
-_MEMORY = 10
+_MEMORY = 6
 _DECREASE = 1e-4
 _CURVATURE = 0.9
 _MAX_TRIALS = 25
