@@ -246,7 +246,7 @@ def test_connectedness_joins_the_pieces_of_a_torus():
     epsilon = 2.0 * torus.mean_edge_length
     # From this seed, without continuation, the perimeter alone stops in a local minimum of four
     # stacked rings of alternating phase: each cut is as short as a cut of the tube can be.
-    options = {"epsilon": epsilon, "epsilon_start": epsilon, "seed": 5}
+    options = {"epsilon": epsilon, "epsilon_start": epsilon, "initial": "random", "seed": 5}
     pieces = pa.segment(torus, 1, connected=False, **options)
     assert pieces.components.tolist() == [2, 2]
     assert pieces.diagnostics[0].converged

@@ -130,6 +130,11 @@ def test_stiffness(surfaces):
     assert relative_error(actual.toarray(), expected) < AGREE
 
 
+def test_stiffness_diagonal(surfaces):
+    expected = reference.stiffness(surfaces.vertices, surfaces.faces).diagonal()
+    np.testing.assert_allclose(surfaces.stiffness_diagonal, expected, rtol=1e-11)
+
+
 def test_weighted_stiffness(surfaces, smooth_weight):
     weight = smooth_weight(surfaces)
     actual = surfaces.weighted_stiffness(weight)

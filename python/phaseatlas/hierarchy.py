@@ -795,7 +795,6 @@ class _Level:
         self.node = node
         self._coarse = coarse
         self.inside = np.ones(node.surface.n_vertices) if node.weight is None else node.weight
-        self.diagonal = node.surface.stiffness.diagonal()
         settings = node.settings
         self.area = Area(node.surface, settings.epsilon, delta=settings.delta, weight=node.weight)
 
@@ -1122,7 +1121,9 @@ class _NodeSolver:
             terms.append((settings.distortion, distortion))
         mass = node.surface.mass
         # The diagonal of the perimeter's Hessian at the pure phases, Psi''(1) = 9/2.
-        hessian = (level.inside + settings.eta) * (epsilon * level.diagonal + 4.5 / epsilon * mass)
+        hessian = (level.inside + settings.eta) * (
+            epsilon * node.surface.stiffness_diagonal + 4.5 / epsilon * mass
+        )
         hessian += 2 / settings.sigma * (1 - level.inside) * mass
         before = self.iterations
 

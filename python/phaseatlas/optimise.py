@@ -94,12 +94,14 @@ def weighted_sum(
     terms: Sequence[tuple[float, Functional]], u: NDArray[np.float64]
 ) -> tuple[float, NDArray[np.float64]]:
     """Return the value and the (n,) gradient of a sum of weights times functionals at `u`."""
-    energy = 0.0
-    gradient = np.zeros_like(u)
-    for weight, functional in terms:
+    (weight, functional), *others = terms
+    value, slope = functional.value_and_gradient(u)
+    energy, gradient = weight * value, weight * slope
+    for weight, functional in others:
         value, slope = functional.value_and_gradient(u)
         energy += weight * value
-        gradient += weight * slope
+        slope *= weight
+        gradient += slope
     return energy, gradient
 
 
@@ -116,7 +118,8 @@ class _Lagrangian:
         self.terms = terms
         self.constraint = constraint
         self.target = target
-        self.scale = scale
+        # Products are cheaper than quotients.
+        self.unscale = 1 / scale
         self.multiplier = 0.0
         self.penalty = 0.0
         self.energy = np.inf
@@ -124,17 +127,19 @@ class _Lagrangian:
         self.evaluations = 0
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        u = x / self.scale
+        u = x * self.unscale
         self.evaluations += 1
         energy, gradient = weighted_sum(self.terms, u)
         area, slope = self.constraint.value_and_gradient(u)
         violation = area / self.target - 1
         force = self.multiplier + self.penalty * violation
-        gradient += (force / self.target) * slope
+        slope *= force / self.target
+        gradient += slope
+        gradient *= self.unscale
         self.energy = energy
         self.violation = violation
         value = energy + violation * (self.multiplier + 0.5 * self.penalty * violation)
-        return value, gradient / self.scale
+        return value, gradient
 
 
 class _Descent:

@@ -154,6 +154,11 @@ class Surface:
         """Cotangent stiffness S_ij = integral grad theta_i . grad theta_j, (n, n) CSR."""
         return self._symmetric(self._mesh.edge_stiffness())
 
+    @cached_property
+    def stiffness_diagonal(self) -> NDArray[np.float64]:
+        """Diagonal of the stiffness, (n,), without the matrix."""
+        return _read_only(self._diagonal(self._mesh.edge_stiffness()))
+
     def weighted_stiffness(self, weight: ArrayLike) -> Any:
         """Stiffness S_ij = integral w grad theta_i . grad theta_j by midpoint quadrature.
 
@@ -203,12 +208,17 @@ class Surface:
         """
         a, b = self.edges.T
         if diagonal is None:
-            zeros = np.zeros(self.n_vertices)
-            diagonal = -self._symmetric(edge_values, zeros).sum(axis=1)
+            diagonal = self._diagonal(edge_values)
         vertices = np.arange(self.n_vertices)
         values = np.concatenate([edge_values, edge_values, diagonal])
         entries = np.concatenate([a, b, vertices]), np.concatenate([b, a, vertices])
         return scipy.sparse.csr_array((values, entries), shape=(self.n_vertices, self.n_vertices))
+
+    def _diagonal(self, edge_values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Diagonal of the matrix of one value an edge whose rows sum to 0."""
+        ends = self.edges.reshape(-1)
+        sums = np.bincount(ends, np.repeat(edge_values, 2), minlength=self.n_vertices)
+        return -sums.astype(np.float64)
 
 
 def _read_only(array: Array) -> Array:
