@@ -18,7 +18,7 @@ import pytest
 import trimesh
 
 import phaseatlas as pa
-from phaseatlas import hierarchy
+from phaseatlas import bisection
 
 
 def same(first, second):
@@ -369,13 +369,13 @@ def test_distortion_cuts_along_a_limb(wand):
 
 def test_a_node_is_solved_on_its_part_of_the_surface(star, monkeypatch):
     start = pa.segment(star, 2).fields
-    support, parts = hierarchy._support, []
+    support, parts = bisection._support, []
 
     def kept(node):
         parts.append((node, support(node)))
         return parts[-1][1]
 
-    monkeypatch.setattr(hierarchy, "_support", kept)
+    monkeypatch.setattr(bisection, "_support", kept)
     on_parts = pa.segment(star, 2, initial=start)
     assert any(found for _, found in parts)
     for (whole, found), field in zip(parts, on_parts.fields, strict=True):
@@ -394,7 +394,7 @@ def test_a_node_is_solved_on_its_part_of_the_surface(star, monkeypatch):
                 for node, u in ((whole, field), (part, field[vertices]))
             ]
             assert values[1] == pytest.approx(values[0], rel=1e-5)
-    monkeypatch.setattr(hierarchy, "_support", lambda node: None)
+    monkeypatch.setattr(bisection, "_support", lambda node: None)
     on_the_whole = pa.segment(star, 2, initial=start)
     for part, whole in zip(on_parts.diagnostics, on_the_whole.diagnostics, strict=True):
         assert part.energy == pytest.approx(whole.energy, rel=1e-4)
@@ -411,14 +411,14 @@ def test_a_part_that_touches_itself_gets_whole_fans():
     across = np.flatnonzero(apart & (np.arange(sheet.n_faces) != first))[-1]
     inside = np.zeros(sheet.n_faces, dtype=bool)
     inside[[first, across]] = True
-    whole = hierarchy._with_whole_fans(sheet, inside)
+    whole = bisection._with_whole_fans(sheet, inside)
     assert whole[around].all()
     _, corners = np.unique(sheet.faces[whole], return_inverse=True)
     pa.Surface(sheet.vertices[np.unique(sheet.faces[whole])], corners.reshape(-1, 3))
 
 
 def test_a_node_in_pieces_starts_again_from_the_shortest_interface(star, monkeypatch):
-    attempt, asked = hierarchy._attempt, []
+    attempt, asked = bisection._attempt, []
 
     def failing_once(node, progress):
         asked.append((node.settings.distortion, node.initial is not None))
@@ -426,7 +426,7 @@ def test_a_node_in_pieces_starts_again_from_the_shortest_interface(star, monkeyp
             raise pa.DisconnectedError("in pieces")
         return attempt(node, progress)
 
-    monkeypatch.setattr(hierarchy, "_attempt", failing_once)
+    monkeypatch.setattr(bisection, "_attempt", failing_once)
     tree = pa.segment(star, 1, distortion=1.0)
     assert asked == [(1.0, False), (0.0, False), (1.0, True)]
     assert tree.components.tolist() == [1, 1]

@@ -22,7 +22,7 @@ from unittest.mock import MagicMock
 import numpy as np
 
 import phaseatlas as pa
-from phaseatlas import _core, coarsen, hierarchy
+from phaseatlas import _core, bisection, coarsen
 
 _FUNCTIONALS = ("Perimeter", "Area", "Connectedness", "Distortion")
 
@@ -85,8 +85,8 @@ def main(path: str, options: dict[str, Any]) -> dict[str, Any]:
         functional.value_and_gradient = clock.timed(name, functional.value_and_gradient)
     pa.Surface.__init__ = clock.timed("set-up", pa.Surface.__init__)  # type: ignore[method-assign]
 
-    hierarchy.coarsen = clock.timed("coarsening", coarsen.coarsen)  # type: ignore[attr-defined]
-    hierarchy._MINIMISE["lbfgs"] = clock.timed("driver", hierarchy._MINIMISE["lbfgs"])
+    bisection.coarsen = clock.timed("coarsening", coarsen.coarsen)  # type: ignore[attr-defined]
+    bisection.SOLVERS["lbfgs"] = clock.timed("driver", bisection.SOLVERS["lbfgs"])
     memory = _core.LimitedMemory
 
     def timed_memory(n: int, capacity: int) -> Any:

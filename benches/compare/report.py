@@ -17,6 +17,7 @@ __all__ = ["publish"]
 
 _FOLDER = Path(__file__).parents[1]
 _AUTHORS = "the authors' C++"
+_MOST_COLUMNS = 12
 
 _INTRODUCTION = f"""# Results
 
@@ -67,7 +68,13 @@ def _tables(rows: list[dict[str, Any]]) -> list[tuple[str, list[list[str]]]]:
         columns = {name: value for name, value in row.items() if name != "table"}
         cells = tables.setdefault(row["table"], [list(columns)])
         cells.append([_cell(value) for value in columns.values()])
-    return list(tables.items())
+    return [
+        # Figures of one solve are many: they go down the page.
+        (title, [list(column) for column in zip(*cells, strict=True)])
+        if len(cells[0]) > _MOST_COLUMNS
+        else (title, cells)
+        for title, cells in tables.items()
+    ]
 
 
 def _cell(value: Any) -> str:

@@ -27,6 +27,11 @@ _CASES: dict[str, tuple[dict[str, Any], float | None, float | None]] = {
         None,
         None,
     ),
+    "perimeter + area + 10 x distortion, one random start": (
+        {"connected": False, "distortion": 10.0, "initial": "random"},
+        195.0,
+        None,
+    ),
     "perimeter + area + 10 x distortion, 300 steps without continuation": (
         {
             "connected": False,
@@ -53,16 +58,23 @@ _PARTS = (
 
 
 def main(
-    sizes: Annotated[
-        str, typer.Option(help="Subdivisions of the icosahedron; 8 has 655,362 vertices.")
-    ] = "5,6,7",
-    cases: Annotated[str, typer.Option(help="Numbers of cases: " + ", ".join(_CASES))] = "1,2,3",
+    runs: Annotated[
+        str,
+        typer.Option(
+            help="Subdivisions of the icosahedron, 8 has 655,362 vertices, with the numbers of the "
+            "cases: " + "; ".join(_CASES)
+        ),
+    ] = "5:1,2,3,5,6 6:1,2,3,5,6 7:1,2,3,5,6 8:1,2",
 ) -> None:
     """Segment icospheres in two from random values, print where the time goes, write it."""
     about = measure.about()
-    chosen = [list(_CASES)[int(number) - 1] for number in cases.split(",")]
-    runs = [(int(size), name) for size in sizes.split(",") for name in chosen]
-    rows = [_row(subdivisions, name) for subdivisions, name in track(runs, "solves")]
+    names = list(_CASES)
+    chosen = [
+        (int(size), names[int(number) - 1])
+        for size, _, numbers in (run.partition(":") for run in runs.split())
+        for number in numbers.split(",")
+    ]
+    rows = [_row(subdivisions, name) for subdivisions, name in track(chosen, "solves")]
     report.publish("solves", about, rows)
 
 
