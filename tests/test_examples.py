@@ -63,8 +63,8 @@ def test_figure3_segments_halve(run):
 
 def test_figure4_connectedness_joins_the_rings(run):
     torus, level = tables(run("figure4"))
-    assert [(row["red pieces"], row["blue pieces"]) for row in torus] == [("3", "3"), ("1", "1")]
-    assert numbers(torus, "length")[0] == pytest.approx(3 * numbers(torus, "length")[1], rel=0.01)
+    assert [(row["red pieces"], row["blue pieces"]) for row in torus] == [("2", "2"), ("1", "1")]
+    assert numbers(torus, "length")[0] == pytest.approx(2 * numbers(torus, "length")[1], rel=0.01)
     assert int(level[0]["red pieces"]) + int(level[0]["blue pieces"]) > 2
     assert (level[-1]["red pieces"], level[-1]["blue pieces"]) == ("1", "1")
 
