@@ -586,7 +586,8 @@ def test_segment_trades_length_for_distortion(trees):
 
 
 def test_segment_with_free_area():
-    surface = datasets.icosphere(4)
+    # Coarser spheres hold the sharp law's border on their edges, off by a tenth of the area.
+    surface = datasets.icosphere(5)
     # The perimeter alone would shrink this cap to nothing; the distortion of what is around it
     # lets it grow to about a half.
     cap = np.tanh(3.0 * (np.asarray(surface.vertices)[:, 2] - 0.4))
