@@ -553,7 +553,7 @@ class _NodeSolver:
 
     def _narrower_random(self, stages: list[_Stage]) -> list[_Stage]:
         """Random values, parted by the second widest interface."""
-        return self._random(stages[1:] or stages)
+        return self._random(stages[1:])
 
     def _clustered(self, stages: list[_Stage]) -> list[_Stage]:
         """Two clusters of normals."""

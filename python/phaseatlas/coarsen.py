@@ -80,9 +80,10 @@ def coarsen(surface: Surface) -> Coarse | None:
     injection = scipy.sparse.csr_array(
         (np.ones(len(found)), (found, position)), shape=(surface.n_vertices, len(used))
     )
-    prolongation = _with_neighbours(surface) @ injection
+    with_neighbours = surface._symmetric(np.ones(surface.n_edges), np.ones(surface.n_vertices))
+    prolongation = with_neighbours @ injection
     while np.any(np.diff(prolongation.indptr) == 0):
-        prolongation = _with_neighbours(surface) @ prolongation
+        prolongation = with_neighbours @ prolongation
     return Coarse(
         coarse,
         _with_row_sums_1(prolongation),
@@ -126,14 +127,6 @@ def _positions(sorted_values: Ints, values: Ints) -> tuple[Ints, Ints]:
     position = np.searchsorted(sorted_values, values).clip(max=len(sorted_values) - 1)
     found = np.flatnonzero(sorted_values[position] == values)
     return position[found], found
-
-
-def _with_neighbours(surface: Surface) -> Any:
-    a, b = surface.edges.T
-    loops = np.arange(surface.n_vertices)
-    rows, columns = np.concatenate([a, b, loops]), np.concatenate([b, a, loops])
-    shape = (surface.n_vertices, surface.n_vertices)
-    return scipy.sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=shape)
 
 
 def _with_row_sums_1(matrix: Any) -> Any:

@@ -1,11 +1,11 @@
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1};
 use phaseatlas_core::functionals::{self as core, Form, Functional, Law, Phases};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::mesh::TriangleMesh;
 use crate::pool::detached;
-use crate::to_python;
+use crate::{filled, to_python};
 
 type Pair<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
@@ -15,12 +15,9 @@ fn evaluate<'py>(
     u: &PyReadonlyArray1<'_, f64>,
 ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
     let u = u.as_slice()?;
-    let gradient = PyArray1::zeros(py, u.len(), false);
-    let mut borrowed = gradient.readwrite();
-    let entries = borrowed.as_slice_mut()?;
-    let value = detached(py, || functional.value_and_gradient(u, entries))?.map_err(to_python)?;
-    drop(borrowed);
-    Ok((value, gradient))
+    filled(py, u.len(), |gradient| {
+        functional.value_and_gradient(u, gradient)
+    })
 }
 
 #[pyclass(frozen, module = "phaseatlas._core")]

@@ -1,9 +1,9 @@
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1};
 use phaseatlas_core::lbfgs as core;
 use pyo3::prelude::*;
 
 use crate::pool::detached;
-use crate::to_python;
+use crate::{filled, to_python};
 
 /// Inverse Hessian of limited-memory BFGS.
 #[pyclass(module = "phaseatlas._core")]
@@ -44,11 +44,9 @@ impl LimitedMemory {
         gradient: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let gradient = gradient.as_slice()?;
-        let direction = PyArray1::zeros(py, gradient.len(), false);
-        let mut borrowed = direction.readwrite();
-        let entries = borrowed.as_slice_mut()?;
-        detached(py, || self.0.direction(gradient, entries))?.map_err(to_python)?;
-        drop(borrowed);
+        let ((), direction) = filled(py, gradient.len(), |direction| {
+            self.0.direction(gradient, direction)
+        })?;
         Ok(direction)
     }
 }

@@ -8,6 +8,7 @@ mod mesh;
 mod pool;
 mod raster;
 
+use numpy::{PyArray1, PyArrayMethods};
 use phaseatlas_core::Error;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
@@ -17,6 +18,20 @@ fn to_python(error: Error) -> PyErr {
         Error::OutOfMemory { .. } => PyMemoryError::new_err(error.to_string()),
         _ => PyValueError::new_err(error.to_string()),
     }
+}
+
+/// A new vector of `n` values that `work` fills in the pool, and what it returns.
+fn filled<T: Send>(
+    py: Python<'_>,
+    n: usize,
+    work: impl FnOnce(&mut [f64]) -> phaseatlas_core::Result<T> + Send,
+) -> PyResult<(T, Bound<'_, PyArray1<f64>>)> {
+    let vector = PyArray1::zeros(py, n, false);
+    let mut borrowed = vector.readwrite();
+    let entries = borrowed.as_slice_mut()?;
+    let value = pool::detached(py, || work(entries))?.map_err(to_python)?;
+    drop(borrowed);
+    Ok((value, vector))
 }
 
 #[pymodule]
