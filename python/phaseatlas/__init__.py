@@ -12,6 +12,7 @@ from .hierarchy import (
 )
 from .io import load, save_mesh, save_ply
 from .remesh import remesh
+from .segmentation import Segmentation
 from .surface import Surface
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "DisconnectedError",
     "Progress",
     "SegmentTree",
+    "Segmentation",
     "Surface",
     "build_atlas",
     "datasets",

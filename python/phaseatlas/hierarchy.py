@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from . import _core, ipopt
+from . import ipopt
+from .arrays import Floats, Ints
 from .bisection import (
     INITIALS,
     SOLVERS,
@@ -34,6 +35,7 @@ from .bisection import (
 from .functionals import indicator
 from .io import write_whole
 from .optimise import AREA_CONSTRAINTS, AreaConstraint
+from .segmentation import Segmentation
 from .surface import Surface
 
 __all__ = [
@@ -44,9 +46,6 @@ __all__ = [
     "SegmentTree",
     "segment",
 ]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _FORMAT = 1
 
@@ -118,31 +117,34 @@ class SegmentTree:
         self._check_level(level)
         return self.labels >> (self.levels - level)
 
+    def at(self, level: int) -> Segmentation:
+        """Return the segments of a level, with `weights_at` and `labels_at` of it.
+
+        Raises
+        ------
+        ValueError
+            For a level outside 0..levels.
+        """
+        return Segmentation(self.surface, self.labels_at(level), self.weights_at(level))
+
     @cached_property
+    def _leaves(self) -> Segmentation:
+        return Segmentation(self.surface, self.labels, self.weights)
+
+    @property
     def areas(self) -> Floats:
         """Areas of the sharp leaves, (2**levels,), in the units of the surface squared."""
-        return np.bincount(
-            self.labels, weights=self.surface.face_areas, minlength=2**self.levels
-        ).astype(np.float64)
+        return self._leaves.areas
 
-    @cached_property
+    @property
     def components(self) -> Ints:
         """Number of connected components of each sharp leaf, (2**levels,)."""
-        parts = _core.label_components(self.surface._mesh, self.labels)
-        _, first = np.unique(parts, return_index=True)
-        return np.bincount(self.labels[first], minlength=2**self.levels)
+        return self._leaves.components
 
-    @cached_property
+    @property
     def interface_length(self) -> float:
         """Length of the edges between different leaves, in the units of the surface."""
-        f, k = np.nonzero(self.surface.face_neighbours >= 0)
-        g = self.surface.face_neighbours[f, k]
-        seam = (f < g) & (self.labels[f] != self.labels[g])
-        f, k = f[seam], k[seam]
-        ends = self.surface.vertices[
-            np.stack([self.surface.faces[f, k], self.surface.faces[f, (k + 1) % 3]])
-        ]
-        return float(np.linalg.norm(ends[0] - ends[1], axis=1).sum())
+        return self._leaves.length
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the tree to an `.npz` file, whole or not at all.

@@ -178,6 +178,29 @@ class Surface:
         """
         return self._symmetric(self._mesh.edge_stiffness(self.vector("weight", weight)))
 
+    def label_components(self, labels: ArrayLike) -> NDArray[np.int64]:
+        """Number the edge-connected components of faces of equal label, (m,) to (m,).
+
+        Parameters
+        ----------
+        labels : (m,) array_like of int
+            Label of each face.
+
+        Returns
+        -------
+        (m,) array of int
+            Component of each face, from 0, in the order of their first faces.
+
+        Raises
+        ------
+        ValueError
+            For labels of another shape.
+        """
+        array = np.ascontiguousarray(labels, dtype=np.int64)
+        if array.shape != (self.n_faces,):
+            raise ValueError(f"labels: shape {array.shape}, expected ({self.n_faces},)")
+        return _core.label_components(self._mesh, array)
+
     def face_mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mean over the corners of each face of a vertex quantity, (n, ...) to (m, ...)."""
         a, b, c = self.faces.T
