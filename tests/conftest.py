@@ -30,6 +30,19 @@ def mesh_path() -> Callable[[str], Path]:
     return _mesh_path
 
 
+@pytest.fixture(scope="session")
+def case_path() -> Callable[[str], Path]:
+    """``case_path("long_strip.obj")`` is a small difficult input; skipped without the folder."""
+
+    def path(name: str) -> Path:
+        found = MESHES.parent / "cases" / name
+        if not found.is_file():
+            pytest.skip(f"{name} is not in {found.parent}")
+        return found
+
+    return path
+
+
 def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
     # A reader of its own keeps the tests of the operators apart from those of the file formats.
     rows = [line.split() for line in path.read_text().splitlines()]

@@ -196,3 +196,35 @@ def test_rejects_bad_field(small):
     u[11] = math.nan
     with pytest.raises(ValueError, match=r"\bu\b.*11"):
         functional.value_and_gradient(u)
+
+
+def test_indicator_stays_in_the_unit_interval_and_is_exact_on_its_plateaus():
+    rng = np.random.default_rng(0)
+    deltas = np.concatenate(
+        [[0.0, 0.5, np.nextafter(1, 0)], rng.random(3000), rng.random(3000) / 10]
+    )
+    for delta in deltas:
+        r = 1 - delta
+        # The last values below the plateau, where the cubic rounds.
+        steps = np.concatenate([np.arange(1, 40) * 1e-16, np.geomspace(1e-16, 1e-6, 60)])
+        below = r - r * steps
+        chi = pa.functionals.indicator(np.concatenate([below, -below]), delta)
+        assert chi.min() >= 0
+        assert chi.max() <= 1
+        plateaus = pa.functionals.indicator(
+            [r, np.nextafter(r, 2), 1.5, -r, -np.nextafter(r, 2)], delta
+        )
+        assert plateaus.tolist() == [1, 1, 1, 0, 0]
+
+
+def test_products_of_indicators_are_weights():
+    sphere = datasets.icosphere(3)
+    rng = np.random.default_rng(1)
+    for delta in rng.random(200) / 20:
+        weight = np.ones(sphere.n_vertices)
+        for _ in range(4):
+            field = np.clip(rng.normal(0, 2, sphere.n_vertices), delta - 1 + 1e-9, 1 - delta)
+            chi = pa.functionals.indicator(field, delta)
+            weight = weight * (chi if rng.random() < 0.5 else 1 - chi)
+            pa.functionals.Area(sphere, 0.1, weight=weight)
+            pa.functionals.Perimeter(sphere, 0.1, weight=weight)

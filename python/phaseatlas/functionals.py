@@ -60,7 +60,7 @@ def indicator(u: ArrayLike, delta: float) -> NDArray[np.float64]:
     Returns
     -------
     array of float, shape of `u`
-        Values in [0, 1] with chi(-u) = 1 - chi(u).
+        Values in [0, 1], exactly 0 and 1 on the plateaus, with chi(-u) = 1 - chi(u).
 
     Raises
     ------
@@ -71,8 +71,9 @@ def indicator(u: ArrayLike, delta: float) -> NDArray[np.float64]:
         raise ValueError(f"delta: {delta} must be in [0, 1)")
     r = 1 - delta
     v = np.clip(np.asarray(u, dtype=np.float64), -r, r)
-    chi: NDArray[np.float64] = (v + r) ** 2 * (2 * r - v) / (4 * r**3)
-    return chi
+    # Just below the plateau the cubic rounds to more than 1, on it to less.
+    chi: NDArray[np.float64] = np.minimum((v + r) ** 2 * (2 * r - v) / (4 * r**3), 1.0)
+    return np.where(v == r, 1.0, chi)
 
 
 def _delta(surface: Surface, epsilon: float, delta: float | None) -> float:
