@@ -67,6 +67,16 @@ def test_few_faces_are_left_alone():
     assert coarsen(pa.datasets.icosphere(1)) is None
 
 
+def test_a_surface_that_cannot_be_made_coarser_ends_the_hierarchy(case_path):
+    surface = pa.load(case_path("hang_box_1x1x0.02_sub4.obj"))
+    sizes = [surface.n_faces]
+    while (coarse := coarsen(surface)) is not None:
+        surface = coarse.surface
+        assert surface.n_faces <= 0.6 * sizes[-1]
+        sizes.append(surface.n_faces)
+    assert len(sizes) < 12
+
+
 def test_what_is_no_surface_is_left_alone(monkeypatch):
     # A library that leaves two triangles with one common vertex, whatever it is asked for.
     bow = np.array([[0, 1, 2], [0, 3, 4]])

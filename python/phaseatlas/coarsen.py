@@ -25,8 +25,9 @@ Ints = NDArray[np.int64]
 # Part of the faces to keep, and whether to leave the border alone: what is tried until it gives a
 # surface. A quarter makes edges twice as long.
 _ATTEMPTS = ((0.25, False), (0.25, True), (0.35, True))
-# Below so many faces a step saves nothing.
+# Below so many faces a step saves nothing, nor does one that keeps more than this part of them.
 _FEWEST_FACES = 200
+_CLEARLY_FEWER = 0.6
 # The library keeps its mesh in variables of the process.
 _LOCK = threading.Lock()
 
@@ -62,12 +63,14 @@ def coarsen(surface: Surface) -> Coarse | None:
     -------
     Coarse or None
         None where that leaves no surface, such as where handles are thinner than the new edges,
-        or where there are few faces already.
+        where it leaves about as many faces, or where there are few faces already.
     """
     if surface.n_faces < _FEWEST_FACES:
         return None
     for kept, preserve_border in _ATTEMPTS:
         vertices, faces, collapsed_to = _simplified(surface, kept, preserve_border)
+        if len(faces) > _CLEARLY_FEWER * surface.n_faces:
+            continue
         used, corners = np.unique(faces, return_inverse=True)
         try:
             coarse = Surface(vertices[used], corners.reshape(-1, 3))
@@ -103,7 +106,11 @@ def _simplified(surface: Surface, kept: float, preserve_border: bool) -> tuple[A
         )
     target = np.arange(surface.n_vertices)
     target[collapses[:, 1]] = collapses[:, 0]
-    while not np.array_equal(further := target[target], target):
+    # Each pass doubles the steps that are followed; the library's collapses have no circle.
+    for _ in range(surface.n_vertices.bit_length()):
+        further = target[target]
+        if np.array_equal(further, target):
+            break
         target = further
     # The library keeps the order of the vertices, less those without a face.
     corners = target[surface.faces]
