@@ -264,10 +264,10 @@ def _support(node: Node) -> tuple[Node, Ints, Ints] | None:
     if inside.all() or parts.min() != parts.max():
         return None
     faces = np.flatnonzero(inside)
-    vertices, corners = np.unique(surface.faces[faces], return_inverse=True)
+    part_surface, vertices = surface.submesh(faces)
     part = replace(
         node,
-        surface=Surface(surface.vertices[vertices], corners.reshape(-1, 3)),
+        surface=part_surface,
         weight=node.weight[vertices],
         faces=node.faces[faces],
         initial=None if node.initial is None else node.initial[vertices],

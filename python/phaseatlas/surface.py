@@ -10,6 +10,7 @@ import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from .arrays import Bools, Floats, Ints
 
 __all__ = ["Surface"]
 
@@ -35,9 +36,12 @@ class Surface:
     """
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        self.vertices: NDArray[np.float64] = _matrix("vertices", vertices, np.float64)
-        self.faces: NDArray[np.int64] = _matrix("faces", faces, np.int64)
-        self._mesh = _core.TriangleMesh(self.vertices, self.faces)
+        self._build(vertices, faces, accepted=False)
+
+    def _build(self, vertices: ArrayLike, faces: ArrayLike, *, accepted: bool) -> None:
+        self.vertices: Floats = _matrix("vertices", vertices, np.float64)
+        self.faces: Ints = _matrix("faces", faces, np.int64)
+        self._mesh = _core.TriangleMesh(self.vertices, self.faces, accepted=accepted)
         self.vertices.flags.writeable = False
         self.faces.flags.writeable = False
 
@@ -48,7 +52,7 @@ class Surface:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Surface, (self.vertices, self.faces)
+        return _accepted, (self.vertices, self.faces)
 
     @property
     def n_vertices(self) -> int:
@@ -91,26 +95,26 @@ class Surface:
         return self._mesh.mean_edge_length
 
     @cached_property
-    def face_areas(self) -> NDArray[np.float64]:
+    def face_areas(self) -> Floats:
         """Area of each face, (m,)."""
         return _read_only(self._mesh.areas())
 
     @cached_property
-    def face_diameters(self) -> NDArray[np.float64]:
+    def face_diameters(self) -> Floats:
         """Longest edge of each face, (m,)."""
         return _read_only(self._mesh.diameters())
 
     @cached_property
-    def mass(self) -> NDArray[np.float64]:
+    def mass(self) -> Floats:
         """Lumped mass, a third of the area of a vertex' faces, (n,)."""
         return _read_only(self._mesh.mass())
 
     @cached_property
-    def vertex_normals(self) -> NDArray[np.float64]:
+    def vertex_normals(self) -> Floats:
         """Unit normals at the vertices, the mean of their faces by area, (n, 3)."""
         corners = self.vertices[self.faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        sums: NDArray[np.float64] = np.stack(
+        sums: Floats = np.stack(
             [
                 np.bincount(self.faces.reshape(-1), weights, minlength=self.n_vertices)
                 for weights in np.repeat(normals, 3, axis=0).T
@@ -122,31 +126,31 @@ class Surface:
         return _read_only(sums)
 
     @cached_property
-    def angle_defects(self) -> NDArray[np.float64]:
+    def angle_defects(self) -> Floats:
         """Integrated Gauss curvature, (n,): 2 pi - sum of angles, at the border pi - sum."""
         return _read_only(self._mesh.angle_defects())
 
     @cached_property
-    def on_border(self) -> NDArray[np.bool_]:
+    def on_border(self) -> Bools:
         """Whether a vertex lies on a boundary loop, (n,)."""
         return _read_only(self._mesh.on_border())
 
     @cached_property
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> Ints:
         """Every edge once, smaller vertex first, sorted, (e, 2)."""
         return _read_only(self._mesh.edges())
 
     @cached_property
-    def face_neighbours(self) -> NDArray[np.int64]:
+    def face_neighbours(self) -> Ints:
         """Face across edge (f[k], f[(k + 1) % 3]), -1 at the border, (m, 3)."""
         return _read_only(self._mesh.neighbours())
 
     @cached_property
-    def face_quality(self) -> NDArray[np.float64]:
+    def face_quality(self) -> Floats:
         """4 sqrt(3) area / sum of squared edges of each face, 1 for equilateral, (m,)."""
         corners = self.vertices[self.faces]
         squares = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=(1, 2))
-        quality: NDArray[np.float64] = 4 * np.sqrt(3) * self.face_areas / squares
+        quality: Floats = 4 * np.sqrt(3) * self.face_areas / squares
         return quality
 
     @cached_property
@@ -155,7 +159,7 @@ class Surface:
         return self._symmetric(self._mesh.edge_stiffness())
 
     @cached_property
-    def stiffness_diagonal(self) -> NDArray[np.float64]:
+    def stiffness_diagonal(self) -> Floats:
         """Diagonal of the stiffness, (n,), without the matrix."""
         return _read_only(self._diagonal(self._mesh.edge_stiffness()))
 
@@ -178,7 +182,7 @@ class Surface:
         """
         return self._symmetric(self._mesh.edge_stiffness(self.vector("weight", weight)))
 
-    def label_components(self, labels: ArrayLike) -> NDArray[np.int64]:
+    def label_components(self, labels: ArrayLike) -> Ints:
         """Number the edge-connected components of faces of equal label, (m,) to (m,).
 
         Parameters
@@ -201,17 +205,48 @@ class Surface:
             raise ValueError(f"labels: shape {array.shape}, expected ({self.n_faces},)")
         return _core.label_components(self._mesh, array)
 
-    def face_mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def face_mean(self, values: Floats) -> Floats:
         """Mean over the corners of each face of a vertex quantity, (n, ...) to (m, ...)."""
         a, b, c = self.faces.T
-        mean: NDArray[np.float64] = (values[a] + values[b] + values[c]) / 3
+        mean: Floats = (values[a] + values[b] + values[c]) / 3
         return mean
 
     def scaled(self, factor: float) -> Surface:
-        """Return the surface with all lengths multiplied by `factor`."""
-        return Surface(self.vertices * factor, self.faces)
+        """Return the surface with all lengths multiplied by `factor`, a positive number.
 
-    def vector(self, argument: str, values: ArrayLike) -> NDArray[np.float64]:
+        Raises
+        ------
+        ValueError
+            For a factor with which lengths overflow or areas vanish.
+        """
+        if not (np.isfinite(factor) and factor > 0):
+            raise ValueError(f"factor: {factor} must be a positive number")
+        return _accepted(self.vertices * factor, self.faces)
+
+    def submesh(self, faces: Ints | Bools) -> tuple[Surface, Ints]:
+        """Return some of the faces as a surface, and its vertices as vertices of this one.
+
+        Parameters
+        ----------
+        faces : (k,) array of int, or (m,) array of bool
+            The faces to keep; they must form a surface.
+
+        Returns
+        -------
+        Surface
+            Of the k faces, in their order.
+        (p,) array of int
+            Vertex of this surface of each of its vertices, sorted.
+
+        Raises
+        ------
+        ValueError
+            For faces that form no surface, as where two of them touch at a vertex alone.
+        """
+        vertices, corners = np.unique(self.faces[faces], return_inverse=True)
+        return _accepted(self.vertices[vertices], corners.reshape(-1, 3)), vertices
+
+    def vector(self, argument: str, values: ArrayLike) -> Floats:
         """Check and convert one finite value a vertex; `argument` names it in the error."""
         array = np.ascontiguousarray(values, dtype=np.float64)
         if np.shape(values) != (self.n_vertices,):
@@ -222,9 +257,7 @@ class Surface:
             raise ValueError(f"{argument}[{index}]: {array[index]} is not a finite number")
         return array
 
-    def _symmetric(
-        self, edge_values: NDArray[np.float64], diagonal: NDArray[np.float64] | None = None
-    ) -> Any:
+    def _symmetric(self, edge_values: Floats, diagonal: Floats | None = None) -> Any:
         """CSR matrix of one value an edge; its rows sum to 0 without a `diagonal`.
 
         Every edge and vertex has its entry, be it 0.
@@ -237,11 +270,18 @@ class Surface:
         entries = np.concatenate([a, b, vertices]), np.concatenate([b, a, vertices])
         return scipy.sparse.csr_array((values, entries), shape=(self.n_vertices, self.n_vertices))
 
-    def _diagonal(self, edge_values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _diagonal(self, edge_values: Floats) -> Floats:
         """Diagonal of the matrix of one value an edge whose rows sum to 0."""
         ends = self.edges.reshape(-1)
         sums = np.bincount(ends, np.repeat(edge_values, 2), minlength=self.n_vertices)
         return -sums.astype(np.float64)
+
+
+def _accepted(vertices: Floats, faces: Ints) -> Surface:
+    """Surface of faces that were accepted before, which scaling may have made thinner."""
+    surface = Surface.__new__(Surface)
+    surface._build(vertices, faces, accepted=True)
+    return surface
 
 
 def _read_only(array: Array) -> Array:

@@ -13,7 +13,8 @@ use crate::operators::{LowerTriangle, StiffnessPattern};
 /// No neighbour, no half-edge: the other side of a border edge.
 pub const NONE: u32 = u32::MAX;
 
-/// A face is degenerate where twice its area is below this part of its longest edge squared.
+/// A face is degenerate where twice its area is below this part of its longest edge squared: the
+/// area then has fewer than four digits.
 const DEGENERATE: f64 = 1e-12;
 
 /// An edge-manifold, vertex-manifold, consistently oriented, connected triangle mesh with or
@@ -44,9 +45,24 @@ impl TriangleMesh {
     /// # Errors
     /// Every defect of the input is an [`Error`] that names the culprit: nothing is repaired.
     pub fn new(vertices: Vec<[f64; 3]>, faces: &[[i64; 3]]) -> Result<Self> {
+        Self::build(vertices, faces, DEGENERATE)
+    }
+
+    /// Builds a mesh of faces that were accepted before, scaled or in part.
+    ///
+    /// Scaling rounds, so that a needle at the bound of [`Self::new`] may fall below it: here any
+    /// face of positive area will do.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn accepted(vertices: Vec<[f64; 3]>, faces: &[[i64; 3]]) -> Result<Self> {
+        Self::build(vertices, faces, 0.0)
+    }
+
+    fn build(vertices: Vec<[f64; 3]>, faces: &[[i64; 3]], degenerate: f64) -> Result<Self> {
         let faces = check_indices(&vertices, faces)?;
         let edges = EdgeTable::new(&faces)?;
-        let geometry = FaceGeometry::new(&vertices, &faces)?;
+        let geometry = FaceGeometry::new(&vertices, &faces, degenerate)?;
         check_vertices(&vertices, &faces, &edges.neighbours)?;
         check_connected(&faces, &edges.neighbours)?;
 
@@ -364,7 +380,7 @@ struct FaceGeometry {
 }
 
 impl FaceGeometry {
-    fn new(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Self> {
+    fn new(vertices: &[[f64; 3]], faces: &[[u32; 3]], degenerate: f64) -> Result<Self> {
         let m = faces.len();
         let mut geometry = Self {
             areas: Vec::with_capacity(m),
@@ -381,7 +397,7 @@ impl FaceGeometry {
                 .fold(0.0, f64::max);
             // Huge coordinates overflow to infinity or NaN.
             if double_area.is_nan()
-                || double_area <= DEGENERATE * diameter * diameter
+                || double_area <= degenerate * diameter * diameter
                 || double_area.is_infinite()
             {
                 return Err(Error::DegenerateFace {

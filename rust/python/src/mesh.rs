@@ -51,14 +51,21 @@ pub struct TriangleMesh {
 #[pymethods]
 impl TriangleMesh {
     #[new]
+    #[pyo3(signature = (vertices, faces, *, accepted = false))]
     fn new(
         py: Python<'_>,
         vertices: PyReadonlyArray2<'_, f64>,
         faces: PyReadonlyArray2<'_, i64>,
+        accepted: bool,
     ) -> PyResult<Self> {
         let vertices = rows::<3, f64>("vertices", &vertices)?;
         let faces = rows::<3, i64>("faces", &faces)?;
-        let core = detached(py, || CoreMesh::new(vertices, &faces))?.map_err(to_python)?;
+        let build = if accepted {
+            CoreMesh::accepted
+        } else {
+            CoreMesh::new
+        };
+        let core = detached(py, || build(vertices, &faces))?.map_err(to_python)?;
         Ok(Self {
             core: Arc::new(core),
         })

@@ -55,7 +55,7 @@ impl ChartMesh {
             .iter()
             .map(|&v| surface.vertices()[v as usize])
             .collect();
-        let mesh = TriangleMesh::new(positions, &split.faces)?;
+        let mesh = TriangleMesh::accepted(positions, &split.faces)?;
         if mesh.euler_characteristic() != 1 {
             return Err(Error::Topology {
                 argument: "faces",
@@ -102,7 +102,7 @@ impl Submesh {
             .map(|&v| surface.vertices()[v as usize])
             .collect();
         Ok(Self {
-            mesh: TriangleMesh::new(positions, &split.faces)?,
+            mesh: TriangleMesh::accepted(positions, &split.faces)?,
             vertices: split.origin,
         })
     }
