@@ -35,14 +35,6 @@ def parser(script: str, description: str) -> argparse.ArgumentParser:
     return result
 
 
-class _Recorder:
-    """A functional that is 0 and keeps where it was asked."""
-
-    def value_and_gradient(self, u):
-        self.u = np.array(u)
-        return 0.0, np.zeros_like(self.u)
-
-
 def descend(
     surface,
     epsilon,
@@ -75,27 +67,25 @@ def descend(
     int
         Number of the last step.
     """
-    recorder = _Recorder()
-    terms = [(1.0, Perimeter(surface, epsilon, weight=weight)), (1.0, recorder)]
+    perimeter = Perimeter(surface, epsilon, weight=weight)
+    terms = [(1.0, perimeter)]
     if connected:
         terms.append((1.0 / epsilon, Connectedness(surface, epsilon, weight=weight)))
     if distortion > 0:
         terms.append((distortion, Distortion(surface, epsilon, law=law, weight=weight)))
     halves = Area(surface, epsilon, weight=weight)
-    inside = np.ones(surface.n_vertices) if weight is None else weight
-    diagonal = inside * (epsilon * surface.stiffness.diagonal() + 4.5 / epsilon * surface.mass)
     kept = {0: np.array(u)}
 
     def keep(iteration):
         if iteration.number in steps:
-            kept[iteration.number] = recorder.u
+            kept[iteration.number] = iteration.u
 
     result = optimise.minimise(
         terms,
         halves,
         0.5 * halves.total,
         u,
-        scale=np.sqrt(diagonal + 2 * (1 - inside) * surface.mass),
+        scale=np.sqrt(perimeter.preconditioner()),
         area=area,
         callback=keep,
     )

@@ -14,7 +14,6 @@ Last, the descent that splits one of the segments of level 3.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,18 +69,11 @@ def picture_of_charts(atlas, colours):
 
 
 # %%
-# One tree; its levels are trees themselves.
+# One tree; each of its levels is a segmentation.
 tree = cut(4, 2 * h)
 segments, charts, rows = [], [], []
 for level in (2, 3, 4):
-    nodes = 2**level - 1
-    upper = replace(
-        tree,
-        levels=level,
-        fields=tree.fields[:nodes],
-        labels=tree.labels_at(level),
-        diagnostics=tree.diagnostics[:nodes],
-    )
+    upper = tree.at(level)
     atlas = pa.build_atlas(upper)
     metrics = atlas.metrics()
     rows.append(

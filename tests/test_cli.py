@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import phaseatlas as pa
-from phaseatlas import hierarchy
+from phaseatlas import segmentation
 
 
 def run(*arguments, **options):
@@ -108,7 +108,7 @@ def test_segment_and_atlas(model):
     result = run("segment", model, "-o", folder / "a.npz", "--levels", 2, "--seed", 3)
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
-    tree = hierarchy.SegmentTree.load(folder / "a.npz")
+    tree = segmentation.SegmentTree.load(folder / "a.npz")
     expected = pa.segment(pa.load(model), 2, seed=3)
     assert np.array_equal(tree.labels, expected.labels)
     assert run("segment", model, "-o", folder / "a.ply", "--levels", 1).returncode == 0
@@ -126,7 +126,7 @@ def test_segment_with_ipopt(model):
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     expected = pa.segment(pa.load(model), 1, solver="ipopt")
-    assert np.array_equal(hierarchy.SegmentTree.load(output).fields, expected.fields)
+    assert np.array_equal(segmentation.SegmentTree.load(output).fields, expected.fields)
 
 
 def test_demo(tmp_path):

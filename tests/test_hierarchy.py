@@ -18,7 +18,8 @@ import pytest
 import trimesh
 
 import phaseatlas as pa
-from phaseatlas import bisection
+from phaseatlas.segmentation.bisect import bisect, split
+from phaseatlas.segmentation.node import Node, confine, with_whole_fans
 
 
 def same(first, second):
@@ -367,38 +368,37 @@ def test_distortion_cuts_along_a_limb(wand):
     assert along.diagnostics[0].energy < stuck.diagnostics[0].energy
 
 
-def test_a_node_is_solved_on_its_part_of_the_surface(star, monkeypatch):
-    start = pa.segment(star, 2).fields
-    support, parts = bisection._support, []
+def node_of_second_level(surface):
+    """The positive child of the root, on the surface scaled to unit area."""
+    root = pa.segment(surface, 1)
+    inside = pa.functionals.indicator(root.fields[0], root.delta)
+    unit = surface.scaled(surface.area**-0.5)
+    return Node(unit, (True,), 0.5, inside, root.labels == 0)
 
-    def kept(node):
-        parts.append((node, support(node)))
-        return parts[-1][1]
 
-    monkeypatch.setattr(bisection, "_support", kept)
-    on_parts = pa.segment(star, 2, initial=start)
-    assert any(found for _, found in parts)
-    for (whole, found), field in zip(parts, on_parts.fields, strict=True):
-        if found is None:
-            continue
-        part, vertices, faces = found
-        assert len(faces) < 0.8 * star.n_faces
-        epsilon = whole.settings.epsilon
-        for functional in (
-            pa.functionals.Perimeter,
-            pa.functionals.Area,
-            pa.functionals.Distortion,
-        ):
-            values = [
-                functional(node.surface, epsilon, weight=node.weight).value_and_gradient(u)[0]
-                for node, u in ((whole, field), (part, field[vertices]))
-            ]
-            assert values[1] == pytest.approx(values[0], rel=1e-5)
-    monkeypatch.setattr(bisection, "_support", lambda node: None)
-    on_the_whole = pa.segment(star, 2, initial=start)
-    for part, whole in zip(on_parts.diagnostics, on_the_whole.diagnostics, strict=True):
-        assert part.energy == pytest.approx(whole.energy, rel=1e-4)
-    assert (on_parts.labels != on_the_whole.labels).mean() < 1e-3
+def test_a_node_is_solved_on_its_part_of_the_surface(star):
+    whole = node_of_second_level(star)
+    part, vertices, faces = confine(whole)
+    assert len(faces) < 0.8 * star.n_faces
+    options = pa.segmentation.Options()
+    widths = options.widths(star)
+    on_whole = split(whole, options, widths)
+    on_part = split(part, options, widths)
+    u = np.zeros(star.n_vertices)
+    u[vertices] = on_part.u
+    for functional in (
+        pa.functionals.Perimeter,
+        pa.functionals.Area,
+        pa.functionals.Distortion,
+    ):
+        values = [
+            functional(node.surface, widths.epsilon, weight=node.indicator).value_and_gradient(f)[0]
+            for node, f in ((whole, u), (part, on_part.u))
+        ]
+        assert values[1] == pytest.approx(values[0], rel=1e-5)
+    # Both are minimisers, from other starts: the part is solved as well as the whole.
+    assert on_part.diagnostics.energy == pytest.approx(on_whole.diagnostics.energy, rel=1e-2)
+    assert bisect(whole, options, widths).u.tobytes() == u.tobytes()
 
 
 def test_a_part_that_touches_itself_gets_whole_fans():
@@ -411,25 +411,9 @@ def test_a_part_that_touches_itself_gets_whole_fans():
     across = np.flatnonzero(apart & (np.arange(sheet.n_faces) != first))[-1]
     inside = np.zeros(sheet.n_faces, dtype=bool)
     inside[[first, across]] = True
-    whole = bisection._with_whole_fans(sheet, inside)
+    whole = with_whole_fans(sheet, inside)
     assert whole[around].all()
-    _, corners = np.unique(sheet.faces[whole], return_inverse=True)
-    pa.Surface(sheet.vertices[np.unique(sheet.faces[whole])], corners.reshape(-1, 3))
-
-
-def test_a_node_in_pieces_starts_again_from_the_shortest_interface(star, monkeypatch):
-    attempt, asked = bisection._attempt, []
-
-    def failing_once(node, progress):
-        asked.append((node.settings.distortion, node.initial is not None))
-        if len(asked) == 1:
-            raise pa.DisconnectedError("in pieces")
-        return attempt(node, progress)
-
-    monkeypatch.setattr(bisection, "_attempt", failing_once)
-    tree = pa.segment(star, 1, distortion=1.0)
-    assert asked == [(1.0, False), (0.0, False), (1.0, True)]
-    assert tree.components.tolist() == [1, 1]
+    sheet.submesh(whole)
 
 
 def test_progress_tells_level_node_and_steps(star):
@@ -544,6 +528,9 @@ def test_file_has_the_documented_keys(tree, tmp_path):
         "delta",
         "diagnostics",
         "format",
+        "parents",
+        "positive",
+        "shares",
     }
     np.testing.assert_array_equal(arrays["weights"], tree.weights)
     np.testing.assert_array_equal(arrays["labels"], tree.labels)
@@ -677,6 +664,111 @@ def test_failing_ply_keeps_the_old_one(tree, tmp_path, monkeypatch):
     monkeypatch.undo()
     assert path.read_bytes() == b"precious"
     assert [entry.name for entry in tmp_path.iterdir()] == ["tree.ply"]
+
+
+def test_files_of_halves_without_nodes_are_read(tree, tmp_path):
+    # As they were written before trees had shares.
+    tree.save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as file:
+        arrays = {k: v for k, v in file.items() if k not in ("parents", "positive", "shares")}
+    records = json.loads(str(arrays["diagnostics"]))
+    for record in records:
+        for name in ("status", "share", "sharp_share", "seconds"):
+            del record[name]
+    arrays["diagnostics"] = json.dumps(records)
+    np.savez(tmp_path / "old.npz", **arrays)
+    old = pa.SegmentTree.load(tmp_path / "old.npz")
+    assert old.fields.tobytes() == tree.fields.tobytes()
+    assert old.weights.tobytes() == tree.weights.tobytes()
+    assert old.levels == 3
+
+
+def test_shares_are_met(star):
+    shares = [1, 2, 4, 1.5, 0.5]
+    tree = pa.segment(star, shares=shares)
+    expected = np.array(shares) / 9.0
+    np.testing.assert_allclose(tree.shares, expected, rtol=1e-12)
+    np.testing.assert_allclose(tree.weights.sum(axis=0), 1.0, rtol=1e-12)
+    # Each of up to three bisections meets its share to 1e-5.
+    np.testing.assert_allclose(tree.weights @ star.mass / star.area, expected, rtol=1e-5)
+    np.testing.assert_allclose(tree.areas / star.area, expected, rtol=0.01)
+    assert tree.components.tolist() == [1] * 5
+    for level in range(tree.levels + 1):
+        upper = tree.at(level)
+        np.testing.assert_allclose(upper.weights.sum(axis=0), 1.0, rtol=1e-12)
+        # A segment of a level is a union of those of the next.
+        below = tree.labels_at(min(level + 1, tree.levels))
+        pairs = np.unique(np.stack([below, upper.labels]), axis=1)
+        assert len(np.unique(pairs[0])) == pairs.shape[1]
+    assert same(tree, pa.segment(star, shares=shares))
+
+
+def test_equal_shares_are_levels(star, tree):
+    assert same(pa.segment(star, shares=[2.0] * 8), tree)
+
+
+def test_trees_with_shares_are_saved(star, tmp_path):
+    tree = pa.segment(star, shares=[3, 1, 2])
+    tree.save(tmp_path / "tree.npz")
+    again = pa.SegmentTree.load(tmp_path / "tree.npz")
+    assert same(tree, again)
+    assert again.shares.tolist() == tree.shares.tolist()
+    assert again.weights.tobytes() == tree.weights.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("shares", "message"),
+    [
+        ([1.0], "shares: shape"),
+        ([1.0, 0.0], r"shares\[1\]: 0.0 must be a positive number"),
+        ([1.0, np.nan], r"shares\[1\]"),
+        ([[1.0, 2.0]], "shares: shape"),
+    ],
+)
+def test_bad_shares_are_named(small, shares, message):
+    with pytest.raises(ValueError, match=message):
+        pa.segment(small, shares=shares)
+    with pytest.raises(ValueError, match="shares: must be given without levels"):
+        pa.segment(small, 2, shares=[1, 2])
+
+
+def test_progress_carries_the_field_and_can_stop(star):
+    heard = []
+
+    def stop(step):
+        heard.append(step)
+        return step.iteration == 3
+
+    with pytest.raises(pa.StoppedError, match="level 1, node 0"):
+        pa.segment(star, 1, initial="random", progress=stop)
+    assert len(heard) == 3
+    assert heard[-1].u.shape == (heard[-1].surface.n_vertices,)
+    epsilon = heard[-1].epsilon
+    perimeter = pa.functionals.Perimeter(heard[-1].surface, epsilon)
+    value, _ = perimeter.value_and_gradient(heard[-1].u)
+    assert value == pytest.approx(heard[-1].energy, rel=1e-12)
+
+
+def test_diagnostics_say_why_and_how_long(star):
+    (record,) = pa.segment(star, 1).diagnostics
+    assert record.status == "converged"
+    assert record.share == 0.5
+    assert record.sharp_share == pytest.approx(0.5, abs=0.01)
+    assert {"Perimeter", "Area", "Connectedness", "L-BFGS", "driver"} <= set(record.seconds)
+    assert min(record.seconds.values()) >= 0
+    with pytest.warns(pa.QualityWarning, match="the limit on the steps was reached"):
+        (record,) = pa.segment(star, 1, connected=False, max_iterations=5).diagnostics
+    assert record.status == "step_limit"
+
+
+def test_widths_below_the_triangles_are_said(small):
+    with pytest.warns(pa.QualityWarning, match="epsilon: .* is below the mean edge length"):
+        pa.segment(small, 1, epsilon=0.9 * small.mean_edge_length, connected=False)
+
+
+def test_sharp_areas_that_miss_their_shares_are_said():
+    with pytest.warns(pa.QualityWarning, match="areas: sharp segment .* misses its share by"):
+        pa.segment(pa.datasets.icosphere(1), 3)
 
 
 def test_surfaces_with_boundary_and_handles():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import signal
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +22,7 @@ TARGET = 3.0
 def minimise():
     """The driver; the test is skipped without ipyopt."""
     pytest.importorskip("ipyopt", reason="needs the extra ipopt")
-    return pa.ipopt.minimise
+    return functools.partial(optimise.minimise, solver="ipopt")
 
 
 class Quadratic:
@@ -325,6 +326,12 @@ def test_callback_can_stop_the_solve(sphere, minimise, capfd):
         sphere.solve(minimise, callback=stop)
     assert heard == [1, 2]
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_true_answer_of_the_callback_stops_the_solve(sphere, minimise):
+    result = sphere.solve(minimise, callback=lambda step: step.number == 2)
+    assert result.status is optimise.Status.STOPPED
+    assert result.iterations == 2
 
 
 @pytest.mark.parametrize("at", [1, 3])

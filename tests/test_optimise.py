@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import phaseatlas as pa
-from phaseatlas.optimise import minimise
+from phaseatlas.optimise import Status, minimise
 
 TARGET = 3.0
 
@@ -162,6 +162,27 @@ def test_callback_can_stop_the_solve(problem):
 
     with pytest.raises(Stop):
         solve(problem, callback=stop)
+
+
+def test_a_true_answer_of_the_callback_stops_the_solve(problem):
+    heard = []
+
+    def stop(step):
+        heard.append(step)
+        return step.number == 2
+
+    result = solve(problem, scale=np.ones(len(problem[0])), callback=stop)
+    assert result.status is Status.STOPPED
+    assert not result.converged
+    assert result.iterations == 2
+    np.testing.assert_allclose(heard[-1].u, result.u, rtol=1e-12)
+
+
+def test_status_says_why_a_solve_ended(problem):
+    assert solve(problem).status is Status.CONVERGED
+    assert solve(problem, scale=np.ones(40), max_iterations=4).status is Status.STEP_LIMIT
+    assert solve(problem, max_updates=1).status is Status.INFEASIBLE
+    assert all(status.sentence for status in Status)
 
 
 def test_step_limit_is_kept_and_reported(problem):

@@ -249,3 +249,33 @@ def test_rejects_bad_field(small):
     u[11] = math.nan
     with pytest.raises(ValueError, match=r"\bu\b.*11"):
         functional.value_and_gradient(u)
+
+
+@pytest.mark.parametrize("options", [{}, {"eta": 0.3, "sigma": 0.2}])
+def test_preconditioner_is_the_diagonal_of_the_hessian_at_the_pure_phases(
+    surfaces, smooth_weight, options
+):
+    weight = smooth_weight(surfaces)
+    perimeter = pa.functionals.Perimeter(surfaces, 0.1, weight=weight, **options)
+    phases = np.where(np.arange(surfaces.n_vertices) % 2 == 0, 1.0, -1.0)
+    expected = perimeter.hessian(phases).diagonal()
+    # The stiffness of the Hessian is weighted face by face, the estimate vertex by vertex.
+    uniform = pa.functionals.Perimeter(surfaces, 0.1)
+    np.testing.assert_allclose(
+        uniform.preconditioner(), uniform.hessian(phases).diagonal(), rtol=1e-10
+    )
+    ratio = perimeter.preconditioner() / expected
+    assert np.median(ratio) == pytest.approx(1, abs=0.1)
+    assert (perimeter.preconditioner() > 0).all()
+
+
+def test_length_is_that_of_a_great_circle():
+    sphere = datasets.icosphere(5)
+    epsilon = 2 * sphere.mean_edge_length
+    u = np.tanh(3 * sphere.vertices[:, 2] / (2 * math.sqrt(2) * epsilon))
+    length = pa.functionals.Perimeter(sphere, epsilon).length(u)
+    assert length == pytest.approx(2 * math.pi, rel=0.01)
+    # Within a hemisphere half of it, whatever the field does outside.
+    weight = (sphere.vertices[:, 0] > 0).astype(float)
+    inside = pa.functionals.Perimeter(sphere, epsilon, weight=weight, sigma=0.5)
+    assert inside.length(u) == pytest.approx(math.pi, rel=0.05)

@@ -2,17 +2,19 @@
 
 from . import datasets, functionals
 from .atlas import Atlas, Chart, build_atlas
-from .hierarchy import (
+from .io import load, save_mesh, save_ply
+from .quality import QualityWarning
+from .remesh import remesh
+from .segmentation import (
     CollapsedError,
     Diagnostics,
     DisconnectedError,
     Progress,
+    Segmentation,
     SegmentTree,
+    StoppedError,
     segment,
 )
-from .io import load, save_mesh, save_ply
-from .remesh import remesh
-from .segmentation import Segmentation
 from .surface import Surface
 
 __all__ = [
@@ -22,8 +24,10 @@ __all__ = [
     "Diagnostics",
     "DisconnectedError",
     "Progress",
+    "QualityWarning",
     "SegmentTree",
     "Segmentation",
+    "StoppedError",
     "Surface",
     "build_atlas",
     "datasets",

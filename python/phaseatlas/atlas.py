@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from . import _core
-from .hierarchy import SegmentTree
-from .io import decimals, write_bytes
+from .files import write_bytes
+from .io import decimals
 from .metrics import atlas_metrics
 from .packing import check_packing, face_areas, pack
+from .segmentation import SegmentTree
 from .surface import Surface
 from .texture import Texture, bake, blend_vertices, checker
 
@@ -240,7 +241,7 @@ def build_atlas(
     """
     if flatten not in _FLATTEN:
         raise ValueError(f"flatten: {flatten!r} must be one of {sorted(_FLATTEN)}")
-    n_leaves = 2**tree.levels
+    n_leaves = len(tree.weights)
     check_packing(padding, resolution)
     if threshold is None:
         thresholds: tuple[float, ...] = (min(0.02, 0.5 / n_leaves), *_NARROWER)

@@ -19,9 +19,9 @@ from rich.console import Console
 
 from . import datasets, plot
 from .atlas import Atlas, build_atlas
-from .hierarchy import Progress, SegmentTree, segment
 from .io import MESH_SUFFIXES, load, save_mesh, save_ply
 from .remesh import remesh
+from .segmentation import Progress, SegmentTree, segment
 from .surface import Surface
 from .texture import load_image
 

@@ -8,19 +8,17 @@ surface, and makes the maps between the vertices of both.
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
 from typing import Any
 
 import fast_simplification
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
+from .arrays import Ints
 from .surface import Surface
+from .transfer import Transfer
 
-__all__ = ["Coarse", "coarsen"]
-
-Ints = NDArray[np.int64]
+__all__ = ["coarsen"]
 
 # Part of the faces to keep, and whether to leave the border alone: what is tried until it gives a
 # surface. A quarter makes edges twice as long.
@@ -32,27 +30,7 @@ _CLEARLY_FEWER = 0.6
 _LOCK = threading.Lock()
 
 
-@dataclass(frozen=True, eq=False)
-class Coarse:
-    """A simplified surface and the maps from and to the surface that it was made of.
-
-    Attributes
-    ----------
-    surface : Surface
-        With about a quarter of the faces.
-    prolongation : (n, k) sparse array
-        From values at its k vertices to the n of the finer surface: the value of the vertex that
-        a vertex has collapsed to, averaged over the vertex and its neighbours.
-    restriction : (k, n) sparse array
-        The mean over the vertices that have collapsed to one.
-    """
-
-    surface: Surface
-    prolongation: Any
-    restriction: Any
-
-
-def coarsen(surface: Surface) -> Coarse | None:
+def coarsen(surface: Surface) -> Transfer | None:
     """Simplify a surface to a quarter of its faces.
 
     Parameters
@@ -61,9 +39,12 @@ def coarsen(surface: Surface) -> Coarse | None:
 
     Returns
     -------
-    Coarse or None
-        None where that leaves no surface, such as where handles are thinner than the new edges,
-        where it leaves about as many faces, or where there are few faces already.
+    Transfer or None
+        To the simplified surface, with about a quarter of the faces. Values go forward as the mean
+        over the vertices that have collapsed to one, and backward as the value of the vertex that
+        a vertex has collapsed to, averaged over the vertex and its neighbours. None where that
+        leaves no surface, such as where handles are thinner than the new edges, where it leaves
+        about as many faces, or where there are few faces already.
     """
     if surface.n_faces < _FEWEST_FACES:
         return None
@@ -83,14 +64,15 @@ def coarsen(surface: Surface) -> Coarse | None:
     injection = scipy.sparse.csr_array(
         (np.ones(len(found)), (found, position)), shape=(surface.n_vertices, len(used))
     )
-    with_neighbours = surface._symmetric(np.ones(surface.n_edges), np.ones(surface.n_vertices))
+    with_neighbours = surface.adjacency + scipy.sparse.eye_array(surface.n_vertices, format="csr")
     prolongation = with_neighbours @ injection
     while np.any(np.diff(prolongation.indptr) == 0):
         prolongation = with_neighbours @ prolongation
-    return Coarse(
+    return Transfer(
+        surface,
         coarse,
-        _with_row_sums_1(prolongation),
-        _with_row_sums_1(scipy.sparse.csr_array(injection.T)),
+        forward=_with_row_sums_1(scipy.sparse.csr_array(injection.T)),
+        backward=_with_row_sums_1(prolongation),
     )
 
 

@@ -11,9 +11,10 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from . import _core
+from .arrays import Floats
 from .surface import Surface
 
 __all__ = [
@@ -30,7 +31,7 @@ __all__ = [
 class Functional(Protocol):
     """What the driver minimises: anything with this one method."""
 
-    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, Floats]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
         ...
 
@@ -47,7 +48,7 @@ class TwiceDifferentiable(Functional, Protocol):
         ...
 
 
-def indicator(u: ArrayLike, delta: float) -> NDArray[np.float64]:
+def indicator(u: ArrayLike, delta: float) -> Floats:
     """Diffuse indicator chi(u) of the positive phase, section 3 of the paper.
 
     Parameters
@@ -72,7 +73,7 @@ def indicator(u: ArrayLike, delta: float) -> NDArray[np.float64]:
     r = 1 - delta
     v = np.clip(np.asarray(u, dtype=np.float64), -r, r)
     # Just below the plateau the cubic rounds to more than 1, on it to less.
-    chi: NDArray[np.float64] = np.minimum((v + r) ** 2 * (2 * r - v) / (4 * r**3), 1.0)
+    chi: Floats = np.minimum((v + r) ** 2 * (2 * r - v) / (4 * r**3), 1.0)
     return np.where(v == r, 1.0, chi)
 
 
@@ -113,10 +114,11 @@ class Perimeter:
         sigma: float = 1.0,
     ) -> None:
         self._surface = surface
-        w = None if weight is None else surface.vector("weight", weight)
-        self._core = _core.Perimeter(surface._mesh, epsilon, w, eta, sigma)
+        self._weight = None if weight is None else surface.vector("weight", weight)
+        self._epsilon, self._eta, self._sigma = epsilon, eta, sigma
+        self._core = _core.Perimeter(surface._mesh, epsilon, self._weight, eta, sigma)
 
-    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, Floats]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
         return self._core.value_and_gradient(self._surface.vector("u", u))
 
@@ -140,6 +142,33 @@ class Perimeter:
             For `u` of another shape or with a value that is not finite.
         """
         return self._surface._symmetric(*self._core.hessian(self._surface.vector("u", u)))
+
+    def preconditioner(self) -> Floats:
+        """Return the diagonal of the Hessian at the pure phases, (n,), all of it positive.
+
+        There Psi''(1) = 9/2; unknowns scaled by its root are alike.
+        """
+        mass = self._surface.mass
+        inside = self._inside()
+        diagonal: Floats = (inside + self._eta) * (
+            self._epsilon * self._surface.stiffness_diagonal + 4.5 / self._epsilon * mass
+        )
+        diagonal += 2 / self._sigma * (1 - inside) * mass
+        return diagonal
+
+    def length(self, u: ArrayLike) -> float:
+        """Return the length of the interface of the (n,) phase field `u`.
+
+        It is the perimeter without the penalty outside the parent, over sqrt(2), the constant of
+        the sharp limit.
+        """
+        field = self._surface.vector("u", u)
+        confinement = (1 - self._inside()) @ (self._surface.mass * field**2)
+        value, _ = self._core.value_and_gradient(field)
+        return float(value - confinement / self._sigma) / float(np.sqrt(2))
+
+    def _inside(self) -> Floats:
+        return np.ones(self._surface.n_vertices) if self._weight is None else self._weight
 
 
 class Area:
@@ -182,7 +211,7 @@ class Area:
         """Area of both phases together."""
         return self._core.total
 
-    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, Floats]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
         return self._core.value_and_gradient(self._surface.vector("u", u))
 
@@ -280,7 +309,7 @@ class Connectedness:
             surface._mesh, a, w, phase, form, saturation, plateau, faces
         )
 
-    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, Floats]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
         return self._core.value_and_gradient(self._surface.vector("u", u))
 
@@ -344,11 +373,11 @@ class Distortion:
         eta = {"sharp": 1e-6, "paper": 1e-3}.get(law, 0.0) if eta is None else eta
         self._core = _core.Distortion(surface._mesh, epsilon, law, delta, eta, w)
 
-    def value_and_gradient(self, u: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    def value_and_gradient(self, u: ArrayLike) -> tuple[float, Floats]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
         return self._core.value_and_gradient(self._surface.vector("u", u))
 
-    def log_scale(self, u: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def log_scale(self, u: ArrayLike) -> tuple[Floats, Floats]:
         """Return the log scale factors of the two phases, (n,) each, with their true sign.
 
         They are -s: negative inside a cap of a sphere, which shrinks when it is flattened with

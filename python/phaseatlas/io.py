@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .files import write_bytes
 from .surface import Surface
 
 if TYPE_CHECKING:
-    from .hierarchy import SegmentTree
+    from .segmentation.tree import SegmentTree
 
 __all__ = ["load", "save_mesh", "save_ply"]
 
@@ -139,28 +136,3 @@ def decimals(surface: Surface) -> int:
     """Decimals that keep nine digits of the coordinates of a surface of any size."""
     extent = float(np.ptp(surface.vertices, axis=0).max())
     return max(8, 9 - int(np.floor(np.log10(extent))))
-
-
-def write_bytes(path: str | PathLike[str], data: Any) -> None:
-    """Write a file whole or not at all."""
-    with write_whole(path) as temporary:
-        temporary.write_bytes(data)
-
-
-@contextmanager
-def write_whole(path: str | PathLike[str]) -> Iterator[Path]:
-    """Give a temporary file beside `path` that takes its place when the block succeeds."""
-    path = Path(path)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    os.close(descriptor)
-    temporary = Path(name)
-    try:
-        yield temporary
-        # mkstemp makes private files; the result gets what a plain open would give.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from . import _core
-from .io import write_whole
+from .files import write_whole
 from .metrics import checked_uv, uv_topology
 from .texture import sample
 

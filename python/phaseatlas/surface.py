@@ -154,6 +154,11 @@ class Surface:
         return quality
 
     @cached_property
+    def adjacency(self) -> Any:
+        """Vertices that share an edge, an (n, n) CSR array of ones."""
+        return self._symmetric(np.ones(self.n_edges), np.zeros(self.n_vertices))
+
+    @cached_property
     def stiffness(self) -> Any:
         """Cotangent stiffness S_ij = integral grad theta_i . grad theta_j, (n, n) CSR."""
         return self._symmetric(self._mesh.edge_stiffness())

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 from ..surface import Surface
+from ..transfer import Transfer
 
 __all__ = ["Segmentation"]
 
@@ -46,8 +47,7 @@ class Segmentation:
         if outside.any():
             face = int(np.argmax(outside))
             raise ValueError(
-                f"labels[{face}]: value must be in 0..{self.n_segments - 1}, got "
-                f"{self.labels[face]}"
+                f"labels[{face}]: {self.labels[face]} must be in 0..{self.n_segments - 1}"
             )
 
     @property
@@ -80,3 +80,19 @@ class Segmentation:
             np.stack([self.surface.faces[f, k], self.surface.faces[f, (k + 1) % 3]])
         ]
         return float(np.linalg.norm(ends[0] - ends[1], axis=1).sum())
+
+    def back(self, transfer: Transfer) -> Segmentation:
+        """Return the segmentation of the source of a transfer whose target this one is of.
+
+        Faces take the label of the nearest face, weights go back as values at the vertices.
+
+        Raises
+        ------
+        ValueError
+            For a transfer to another surface.
+        """
+        if transfer.target is not self.surface:
+            raise ValueError("transfer: its target must be the surface of this segmentation")
+        # Means of values up to 1 may round to more.
+        weights = np.minimum((transfer.backward @ self.weights.T).T, 1.0)
+        return Segmentation(transfer.source, self.labels[transfer.parent_face], weights)

@@ -1,4 +1,4 @@
-"""The driver with Ipopt: problems (4)/(6) and (8)/(10), the area as an equality constraint.
+"""Problems (4)/(6) and (8)/(10) with Ipopt, the area as an equality constraint.
 
 Ipopt (Waechter and Biegler 2006) takes Newton steps on the Lagrangian with a filter line search.
 The Hessian is exact and sparse where every functional has one, of limited memory otherwise. The
@@ -9,18 +9,29 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .functionals import Functional, TwiceDifferentiable
-from .optimise import AREA_CONSTRAINTS, AreaConstraint, Iteration, Result, weighted_sum
+from ..arrays import Floats
+from ..functionals import TwiceDifferentiable
+from .problem import (
+    Iteration,
+    Limits,
+    Point,
+    Problem,
+    Report,
+    Solution,
+    Status,
+    Timers,
+    weighted_sum,
+)
 
-__all__ = ["minimise", "require"]
+__all__ = ["LIMITS", "require", "solve"]
 
-Floats = NDArray[np.float64]
+#: When a solve ends by default: Newton steps reach this as soon as any tolerance.
+LIMITS = Limits(tolerance=1e-8, feasibility=1e-8)
 
 _OPTIONS: dict[str, int | float | str] = {
     "print_level": 0,
@@ -35,7 +46,7 @@ _OPTIONS: dict[str, int | float | str] = {
     # Plain minimum degree puts the dense row of the constraint last; MUMPS' own choice, QAMD,
     # takes three times as long where the Hessian is of limited memory, and as long where not.
     "mumps_pivot_order": 0,
-    # The test of `_Problem._step` is in its place.
+    # The test of `_Callbacks._step` is in its place.
     "acceptable_iter": 0,
 }
 _UNBOUNDED = 2e19
@@ -131,7 +142,7 @@ class _Interrupts:
             self.handler(*self.pending.pop())
 
 
-class _Problem:
+class _Callbacks:
     """E(u) under g(u) = A(u) / target - 1 = 0 as callbacks of Ipopt, in the unknowns scale * u.
 
     The Hessian of the penalty mu/2 g^2 would be dense: instead of it, E + t^2 / 2 is minimised
@@ -142,42 +153,37 @@ class _Problem:
 
     def __init__(
         self,
-        terms: Sequence[tuple[float, Functional]],
-        constraint: Functional,
-        target: float,
-        u: Floats,
-        scale: Floats,
-        area: AreaConstraint,
-        penalty: float,
-        feasibility: float,
-        tolerance: float,
-        callback: Callable[[Iteration], None] | None,
+        problem: Problem,
+        start: Point,
+        limits: Limits,
+        callback: Report | None,
+        timers: Timers,
     ) -> None:
-        self.terms = terms
-        self.constraint = constraint
-        self.target = target
+        constraint, scale = problem.constraint, problem.scale
+        self.terms = problem.terms
+        self.target = constraint.target
         self.scale = scale
-        self.constrained = area != "none"
-        self.root = np.sqrt(penalty) if area == "penalty" else np.inf
-        self.feasibility = feasibility
-        self.tolerance = tolerance
+        self.constrained = constraint.kind != "none"
+        self.root = np.sqrt(start.penalty) if constraint.kind == "penalty" else np.inf
+        self.limits = limits
         self.callback = callback
-        self.energy = _Last(lambda u: weighted_sum(terms, u))
-        self.area = _Last(constraint.value_and_gradient)
+        self.energy = _Last(lambda u: weighted_sum(problem.terms, u, timers))
+        self.area = _Last(lambda u: weighted_sum([(1.0, constraint.functional)], u, timers))
         self.iterations = 0
         self.value = np.inf
         self.idle_steps = 0
+        self.stopped = False
         self.error: BaseException | None = None
         self.interrupts = _Interrupts()
 
-        self.x = scale * u
-        if area == "penalty":
+        self.x = scale * start.u
+        if constraint.kind == "penalty":
             self.x = np.append(self.x, self.root * self.violation(self.x))
-        functionals = [functional for _, functional in terms]
-        functionals += [constraint] if self.constrained else []
+        functionals = [functional for _, functional in problem.terms]
+        functionals += [constraint.functional] if self.constrained else []
         smooth = [f for f in functionals if isinstance(f, TwiceDifferentiable)]
         self.exact = len(smooth) == len(functionals)
-        self.triangles = [_Triangle(f, u, scale) for f in smooth] if self.exact else []
+        self.triangles = [_Triangle(f, start.u, scale) for f in smooth] if self.exact else []
 
     def solve(self, multipliers: Floats, max_iterations: int) -> int:
         """Solve from `x` and `multipliers`, which are overwritten; return the code of Ipopt."""
@@ -202,8 +208,8 @@ class _Problem:
             self._guarded(self._step, False),
             ipopt_options={
                 **_OPTIONS,
-                "tol": self.tolerance,
-                "constr_viol_tol": self.feasibility,
+                "tol": self.limits.tolerance,
+                "constr_viol_tol": self.limits.feasibility,
                 "max_iter": max_iterations,
             },
         )
@@ -276,105 +282,87 @@ class _Problem:
         self.iterations += 1
         if self.callback is not None:
             violation = self.area(self.energy.at)[0] / self.target - 1
-            self.callback(Iteration(self.iterations, self.energy.result[0], violation))
+            u = self.energy.at
+            if self.callback(Iteration(self.iterations, self.energy.result[0], violation, u)):
+                self.stopped = True
+                return False
         length = rest[5]
         idle = (
             mode == 0  # 1 is the restoration of feasibility
             and length >= _SHORT
-            and infeasibility <= self.feasibility
-            and change <= self.tolerance * max(1.0, abs(value))
+            and infeasibility <= self.limits.feasibility
+            and change <= self.limits.tolerance * max(1.0, abs(value))
         )
         self.idle_steps = self.idle_steps + 1 if idle else 0
         return self.idle_steps < _IDLE_STEPS
 
 
-def minimise(
-    terms: Sequence[tuple[float, Functional]],
-    constraint: Functional,
-    target: float,
-    u: Floats,
-    *,
-    scale: Floats,
-    area: AreaConstraint = "lagrangian",
-    multiplier: float = 0.0,
-    penalty: float = 100.0,
-    feasibility: float = 1e-8,
-    tolerance: float = 1e-8,
-    max_iterations: int = 5000,
-    callback: Callable[[Iteration], None] | None = None,
-) -> Result:
-    """Minimise a weighted sum of functionals of u under constraint(u) = target with Ipopt.
+def solve(
+    problem: Problem, start: Point, limits: Limits = LIMITS, callback: Report | None = None
+) -> Solution:
+    """Minimise with Ipopt; the constraint as an equality.
 
     Parameters
     ----------
-    terms : sequence of (float, Functional)
-        Weights and functionals of the objective.
-    constraint : Functional
-        The constrained quantity, such as an area.
-    target : float
-        Its value; not 0.
-    u : (n,) array
-        Start.
-    scale : (n,) array
-        Positive; the unknowns are scale * u. The root of an estimate of the diagonal of the
-        Hessian makes them alike.
-    area : {"lagrangian", "penalty", "none"}
-        Meet the constraint to `feasibility`, add a quadratic penalty instead, which leaves a
-        violation, or drop the constraint.
-    multiplier : float, default 0
-        First Lagrange multiplier.
-    penalty : float, default 100
-        Weight of the quadratic penalty, half of the square of the violation; not used otherwise.
-    feasibility : float, default 1e-8
-        Relative violation allowed.
-    tolerance : float, default 1e-8
-        The solve ends where the gradient of the Lagrangian in the scaled unknowns is below this
-        in every entry, or where three steps in a row change the value by less than this part of
-        it (or of 1), each at least a tenth of a full step.
-    max_iterations : int, default 5000
-        Limit on the steps.
+    problem : Problem
+        What to minimise.
+    start : Point
+        Field and multiplier to start with; `penalty` counts where it takes the place of the
+        constraint.
+    limits : Limits
+        When to end. The solve ends where the gradient of the Lagrangian in the scaled unknowns is
+        below `tolerance` in every entry, or where three steps in a row change the value by less
+        than this part of it (or of 1), each at least a tenth of a full step. `max_updates` has
+        no meaning here.
     callback : callable, optional
-        Called after each step with an `Iteration`.
+        Called after each step with an `Iteration`; a true answer stops the solve.
 
     Returns
     -------
-    Result
-        `multiplier` is Ipopt's, 0 without a constraint, and `penalty` as given.
+    Solution
+        Its multiplier is Ipopt's, 0 without a constraint, and its penalty as given.
 
     Raises
     ------
     ValueError
-        For an unknown `area`, and where ipyopt is not installed.
+        Where ipyopt is not installed.
     RuntimeError
         Where Ipopt fails other than by not converging.
 
     Notes
     -----
-    The Hessian of the Lagrangian is exact where `constraint` and all functionals of `terms` are
-    `functionals.TwiceDifferentiable`; Ipopt shifts it where it has a wrong inertia. Otherwise it
-    is of limited memory (BFGS), and a solve that ends in a failing line search, as at a kink of
+    The Hessian of the Lagrangian is exact where the constraint and all functionals of the terms
+    are `functionals.TwiceDifferentiable`; Ipopt shifts it where it has a wrong inertia. Otherwise
+    it is of limited memory (BFGS), and a solve that ends in a failing line search, as at a kink of
     the connectedness functional, starts once again with an empty memory. Ipopt holds the GIL but
     for the functionals.
     """
-    if area not in AREA_CONSTRAINTS:
-        raise ValueError(f"area: {area!r} must be one of {AREA_CONSTRAINTS}")
-    problem = _Problem(
-        terms, constraint, target, u, scale, area, penalty, feasibility, tolerance, callback
-    )
-    for _ in range(2):
-        multipliers = np.full(1 if problem.constrained else 0, multiplier)
-        status = problem.solve(multipliers, max(1, max_iterations - problem.iterations))
-        if status in (_SOLVED, _AT_STEP_LIMIT):
-            break
-    u = problem.u(problem.x)
-    violation = problem.violation(problem.x)
-    return Result(
-        u=u,
-        energy=problem.energy(u)[0],
+    timers = Timers()
+    kind = problem.constraint.kind
+    with timers.timed("Ipopt"):
+        callbacks = _Callbacks(problem, start, limits, callback, timers)
+        for _ in range(2):
+            multipliers = np.full(1 if callbacks.constrained else 0, start.multiplier)
+            left = max(1, limits.max_iterations - callbacks.iterations)
+            code = callbacks.solve(multipliers, left)
+            if code in (_SOLVED, _AT_STEP_LIMIT) or callbacks.stopped:
+                break
+        u = callbacks.u(callbacks.x)
+        violation = callbacks.violation(callbacks.x)
+        energy = callbacks.energy(u)[0]
+    if callbacks.stopped:
+        status = Status.STOPPED
+    elif code == _SOLVED:
+        feasible = kind != "lagrangian" or abs(violation) <= limits.feasibility
+        status = Status.CONVERGED if feasible else Status.INFEASIBLE
+    else:
+        status = Status.STEP_LIMIT if code == _AT_STEP_LIMIT else Status.NO_DESCENT
+    return Solution(
+        point=Point(u, float(multipliers[0]) if kind == "lagrangian" else 0.0, start.penalty),
+        energy=energy,
         violation=violation,
-        multiplier=float(multipliers[0]) if area == "lagrangian" else 0.0,
-        penalty=penalty,
-        iterations=problem.iterations,
-        evaluations=problem.energy.evaluations,
-        converged=status == _SOLVED and (area != "lagrangian" or abs(violation) <= feasibility),
+        status=status,
+        iterations=callbacks.iterations,
+        evaluations=callbacks.energy.evaluations,
+        seconds=timers.seconds,
     )

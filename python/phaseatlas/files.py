@@ -1,0 +1,38 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+__all__ = ["write_bytes", "write_whole"]
+
+
+def write_bytes(path: str | PathLike[str], data: Any) -> None:
+    """Write a file whole or not at all."""
+    with write_whole(path) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def write_whole(path: str | PathLike[str]) -> Iterator[Path]:
+    """Give a temporary file beside `path` that takes its place when the block succeeds."""
+    path = Path(path)
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    os.close(descriptor)
+    temporary = Path(name)
+    try:
+        yield temporary
+        # mkstemp makes private files; the result gets what a plain open would give.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

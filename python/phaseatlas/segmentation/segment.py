@@ -1,0 +1,256 @@
+"""Hierarchical segmentation, section 4: the tree, its nodes solved level by level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
+
+from .. import quality
+from ..arrays import Floats
+from ..functionals import indicator
+from ..optimise import AreaConstraint, Solver, Status
+from ..surface import Surface
+from .bisect import bisect
+from .node import Diagnostics, Node, Progress, Report, Split, StoppedError
+from .options import Initial, Law, Options, Widths
+from .tree import MAX_LEVELS, SegmentTree, children, front, outline, paths
+
+__all__ = ["segment"]
+
+# Sharp segments whose areas miss their shares by more than this part are said to.
+_SHARP_MISS = 0.01
+
+
+def segment(
+    surface: Surface,
+    levels: int | None = None,
+    *,
+    shares: Sequence[float] | None = None,
+    epsilon: float | None = Options.epsilon,
+    epsilon_start: float | None = Options.epsilon_start,
+    connected: bool = Options.connected,
+    kappa: float = Options.kappa,
+    delta: float | None = Options.delta,
+    eta: float = Options.eta,
+    sigma: float = Options.sigma,
+    area: AreaConstraint = Options.area,
+    penalty: float = Options.penalty,
+    distortion: float = Options.distortion,
+    law: Law = Options.law,
+    initial: Initial | ArrayLike = Options.initial,
+    seed: int = Options.seed,
+    solver: Solver = Options.solver,
+    max_iterations: int = Options.max_iterations,
+    coarse: bool = Options.coarse,
+    executor: Executor | None = None,
+    progress: Report | None = None,
+) -> SegmentTree:
+    """Cut a surface into segments of equal area, or of given shares, by recursive bisection.
+
+    Each node minimises the perimeter of its interface and, if asked for, connectedness and
+    conformal distortion, problems (6) and (13) and on deeper levels (10).
+
+    Parameters
+    ----------
+    surface : Surface
+        What to cut. It is scaled to unit area first.
+    levels : int, optional
+        Depth of the binary tree of halves, 2**levels segments; 1 by default.
+    shares : sequence of float, optional
+        Instead of `levels`: positive numbers in proportion to which the segments get their areas,
+        as many segments as numbers, by bisections into unequal parts.
+    epsilon, epsilon_start, connected, kappa, delta, eta, sigma, area, penalty, distortion, law, \
+seed, solver, max_iterations, coarse
+        The options of `Options`, which says what they mean.
+    initial : {"auto", "random", "normals"} or array
+        As in `Options`, or fields of shape (n,) for the root or (segments - 1, n) for all nodes,
+        level by level.
+    executor : concurrent.futures.Executor, optional
+        Runs the nodes of a level side by side; the result does not depend on it.
+    progress : callable, optional
+        Called with a `Progress` after each step, which holds the field; with an executor, after
+        each node. A true answer stops the segmentation.
+
+    Returns
+    -------
+    SegmentTree
+
+    Raises
+    ------
+    ValueError
+        For an argument that cannot be used.
+    DisconnectedError
+        Where `connected` was asked for and a segment stays in pieces.
+    CollapsedError
+        Where a phase is empty, for want of an area constraint or of faces.
+    StoppedError
+        Where `progress` asked for it.
+
+    Warns
+    -----
+    QualityWarning
+        For each node whose solve did not converge, for an epsilon below the mean edge length, and
+        where sharp areas miss their shares by more than 1 %.
+    """
+    options = Options(
+        epsilon=epsilon,
+        epsilon_start=epsilon_start,
+        connected=connected,
+        kappa=kappa,
+        delta=delta,
+        eta=eta,
+        sigma=sigma,
+        area=area,
+        penalty=penalty,
+        distortion=distortion,
+        law=law,
+        initial=initial if isinstance(initial, str) else Options.initial,  # type: ignore[arg-type]
+        seed=seed,
+        solver=solver,
+        max_iterations=max_iterations,
+        coarse=coarse,
+    )
+    parts = _parts(surface, levels, shares)
+    widths = options.widths(surface)
+    length = float(np.sqrt(surface.area))
+    if widths.epsilon * length < surface.mean_edge_length:
+        quality.warn(
+            f"epsilon: {widths.epsilon * length:.6g} is below the mean edge length, "
+            f"{surface.mean_edge_length:.6g}, and the triangles do not resolve the interface; a "
+            "larger epsilon or finer triangles (phaseatlas remesh) help"
+        )
+    nodes = outline(parts)
+    split, ways = children(nodes), paths(nodes)
+    starts = _given_fields(surface, list(split), initial)
+    unit = surface.scaled(1 / length)
+    owner = np.zeros(surface.n_faces, dtype=np.int64)
+    indicators: dict[int, Floats | None] = {0: None}
+    for level in range(max(map(len, ways))):
+        splitting = [k for k in split if len(ways[k]) == level]
+        work = [
+            Node(
+                surface=unit,
+                path=ways[k],
+                share=nodes[split[k][0]].share / nodes[k].share,
+                indicator=indicators[k],
+                faces=owner == k,
+                start=starts.get(k),
+            )
+            for k in splitting
+        ]
+        done = _run(work, options, widths, executor, progress)
+        for k, node, found in zip(splitting, work, done, strict=True):
+            diagnostics = replace(found.diagnostics, length=found.diagnostics.length * length)
+            nodes[k] = replace(nodes[k], field=found.u, diagnostics=diagnostics)
+            first, second = split[k]
+            owner[node.faces] = np.where(found.positive[node.faces], first, second)
+            inside = 1.0 if node.indicator is None else node.indicator
+            chi = indicator(found.u, widths.delta)
+            indicators[first], indicators[second] = inside * chi, inside * (1 - chi)
+
+    number = np.zeros(len(nodes), dtype=np.int64)
+    leaves = front(nodes, len(nodes))
+    number[leaves] = np.arange(len(leaves))
+    tree = SegmentTree(surface, widths.epsilon * length, widths.delta, tuple(nodes), number[owner])
+    _warn(tree, options)
+    return tree
+
+
+def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None) -> Sequence[float]:
+    """The shares of the segments, checked."""
+    if shares is not None:
+        parts = np.asarray(shares, dtype=np.float64)
+        if levels is not None:
+            raise ValueError("shares: must be given without levels")
+        if parts.ndim != 1 or len(parts) < 2:
+            raise ValueError(f"shares: shape {parts.shape}, expected (k,) with k at least 2")
+        if not (np.isfinite(parts) & (parts > 0)).all():
+            wrong = int(np.argmin(np.isfinite(parts) & (parts > 0)))
+            raise ValueError(f"shares[{wrong}]: {parts[wrong]} must be a positive number")
+        if len(parts) > 2**MAX_LEVELS:
+            raise ValueError(f"shares: {len(parts)} of them must be at most {2**MAX_LEVELS}")
+        if len(parts) > surface.n_faces:
+            raise ValueError(
+                f"shares: {len(parts)} asks for more segments than {surface.n_faces} faces"
+            )
+        return parts.tolist()  # type: ignore[no-any-return]
+    levels = 1 if levels is None else levels
+    if not 1 <= levels <= MAX_LEVELS:
+        raise ValueError(f"levels: {levels} must be in 1..{MAX_LEVELS}")
+    if 2**levels > surface.n_faces:
+        raise ValueError(f"levels: {levels} asks for more segments than {surface.n_faces} faces")
+    return [1.0] * 2**levels
+
+
+def _given_fields(
+    surface: Surface, split: Sequence[int], initial: Initial | ArrayLike
+) -> dict[int, Floats]:
+    """The fields to start from, by the nodes that they are for."""
+    if isinstance(initial, str):
+        return {}
+    fields = np.asarray(initial, dtype=np.float64)
+    shapes = [(surface.n_vertices,), (len(split), surface.n_vertices)]
+    if fields.shape not in shapes:
+        raise ValueError(f"initial: shape {fields.shape}, expected {shapes[0]} or {shapes[1]}")
+    fields = fields.reshape(-1, surface.n_vertices)
+    return {k: surface.vector("initial", field) for k, field in zip(split, fields, strict=False)}
+
+
+def _run(
+    nodes: Sequence[Node],
+    options: Options,
+    widths: Widths,
+    executor: Executor | None,
+    progress: Report | None,
+) -> list[Split]:
+    # Set here too: limits that overlapping threads set and reset would undo one another.
+    with threadpool_limits(1, user_api="blas"):
+        if executor is None:
+            return [bisect(node, options, widths, progress) for node in nodes]
+        futures = [executor.submit(bisect, node, options, widths) for node in nodes]
+        splits = []
+        try:
+            for node, future in zip(nodes, futures, strict=True):
+                split = future.result()
+                splits.append(split)
+                if progress is not None and progress(_end(node, split, widths)):
+                    raise StoppedError(f"{node.name}: stopped by the progress callback")
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
+        return splits
+
+
+def _end(node: Node, split: Split, widths: Widths) -> Progress:
+    done = split.diagnostics
+    return Progress(node.level + 1, node.index, widths.epsilon, done.iterations, done.energy)
+
+
+def _warn(tree: SegmentTree, options: Options) -> None:
+    """Say what makes the tree worse than asked for."""
+    for d in tree.diagnostics:
+        if not d.converged:
+            quality.warn(_unconverged(d))
+    if options.area != "lagrangian":
+        return
+    off = np.abs(tree.areas / (tree.shares * tree.surface.area) - 1)
+    worst = int(np.argmax(off))
+    if off[worst] > _SHARP_MISS:
+        quality.warn(
+            f"areas: sharp segment {worst} misses its share by {100 * off[worst]:.2g} %, where "
+            f"{100 * _SHARP_MISS:g} % is expected; finer triangles (phaseatlas remesh) help"
+        )
+
+
+def _unconverged(d: Diagnostics) -> str:
+    return (
+        f"level {d.level + 1}, node {d.node}: not converged after {d.iterations} iterations, "
+        f"{Status(d.status).sentence}; the area is off by {d.violation:.1e}; more steps "
+        "(max_iterations), another seed or a larger epsilon may help"
+    )
