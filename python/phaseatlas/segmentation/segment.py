@@ -243,7 +243,7 @@ def _warn(tree: SegmentTree, options: Options) -> None:
     worst = int(np.argmax(off))
     if off[worst] > _SHARP_MISS:
         quality.warn(
-            f"areas: sharp segment {worst} misses its share by {100 * off[worst]:.2g} %, where "
+            f"areas: sharp segment {worst} misses its share by {100 * off[worst]:.3g} %, where "
             f"{100 * _SHARP_MISS:g} % is expected; finer triangles (phaseatlas remesh) help"
         )
 
