@@ -67,15 +67,7 @@ class _Contest:
 
 
 #: A way to start; None where the node has no such start.
-_Start = Callable[[_Contest, Spent], State | None]
-
-
-@dataclass(frozen=True)
-class _Round:
-    """How many starts go on after so many stages."""
-
-    stages: int
-    kept: int
+Start = Callable[[_Contest, Spent], State | None]
 
 
 def first_state(
@@ -107,22 +99,22 @@ def first_state(
             rivals.append(state)
             spent = state.spent
     rough = contest.rough
-    for round_ in _rounds(grids, stages, cheap):
+    for until, kept in _rounds(grids, stages, cheap):
         ends = []
         for rival in rivals:
             state = replace(rival, spent=spent)
-            for stage in stages[rival.done : round_.stages]:
+            for stage in stages[rival.done : until]:
                 if rough and not stage.final:
                     stage = replace(stage, limits=limits(grids, rough=True))
                 state = run(grids, stage, state, report)
             spent = state.spent
             ends.append(state)
-        rivals = _best(grids, ends, round_.kept)
+        rivals = _best(grids, ends, kept)
         rough = False
     return replace(rivals[0], spent=spent)
 
 
-def _starts(grids: Grids, cheap: int) -> Sequence[_Start]:
+def _starts(grids: Grids, cheap: int) -> Sequence[Start]:
     """Ways to start; with distortion none is the best everywhere, and a wide interface is blind."""
     options = grids.options
     if options.initial == "normals":
@@ -136,15 +128,15 @@ def _starts(grids: Grids, cheap: int) -> Sequence[_Start]:
     return [_noise, *others] * (_RANDOM_STARTS // 2)
 
 
-def _rounds(grids: Grids, stages: Sequence[Stage], cheap: int) -> list[_Round]:
-    """After which stages the starts are compared, the first of which are cheap."""
+def _rounds(grids: Grids, stages: Sequence[Stage], cheap: int) -> list[tuple[int, int]]:
+    """After how many stages starts are compared, and how many go on; the first ones are cheap."""
     if grids.options.distortion > 0:
         before_last = max(1, len(stages) - 1)
-        rounds = [_Round(min(cheap, before_last), 2), _Round(before_last, 1)]
+        rounds = [(min(cheap, before_last), 2), (before_last, 1)]
     else:
         # The perimeter tells soon.
-        rounds = [_Round(min(cheap, 2), 2), _Round(cheap, 1)]
-    return [round_ for round_ in rounds if round_.stages > 0]
+        rounds = [(min(cheap, 2), 2), (cheap, 1)]
+    return [(until, kept) for until, kept in rounds if until > 0]
 
 
 def _best(grids: Grids, ends: Sequence[State], kept: int) -> list[State]:
