@@ -214,7 +214,7 @@ def test_printed_law_rewards_mixing(sphere):
     functional = pa.functionals.Distortion(surface, epsilon, law="paper")
     mixed = functional.value_and_gradient(np.zeros(surface.n_vertices))[0]
     # There s = epsilon K in both phases: source and penalty are constant.
-    curvature = surface._mesh.angle_defects() / surface.mass
+    curvature = surface.angle_defects / surface.mass
     assert mixed == pytest.approx(2.0 * epsilon**2 * surface.mass @ curvature**2, rel=0.02)
     assert mixed < functional.value_and_gradient(profile(distance, epsilon))[0]
 

@@ -188,10 +188,11 @@ def _stiffness(surface: pa.Surface) -> Work:
         return lambda: igl.cotmatrix(v, f)
 
     i, j = surface.edges.T
+    mesh = _core.TriangleMesh(surface.vertices, surface.faces)
     return Work(
         "stiffness of another weight",
         {
-            OURS: lambda: surface._mesh.edge_stiffness(weight),
+            OURS: lambda: mesh.edge_stiffness(weight),
             "SciPy": assemble,
             f"libigl, cotmatrix of weight 1 {PART}": _peer("igl", libigl),
         },
@@ -468,6 +469,7 @@ def _flattening(disk: pa.Surface) -> Work:
     at = np.array([[-1.0, 0.0], [1.0, 0.0]])
     vertices, faces = np.array(disk.vertices), np.array(disk.faces)
     stiffness = disk.stiffness
+    mesh = _core.TriangleMesh(disk.vertices, disk.faces)
 
     def energy(uv: Floats) -> float:
         a, b, c = np.moveaxis(uv[faces], 1, 0)
@@ -478,8 +480,8 @@ def _flattening(disk: pa.Surface) -> Work:
     return Work(
         "conformal map of a half: spectral LSCM, least squares with two pins",
         {
-            OURS: lambda: _core.lscm(disk._mesh),
-            f"{OURS}, boundary-first flattening {PART}": lambda: _core.bff(disk._mesh),
+            OURS: lambda: _core.lscm(mesh),
+            f"{OURS}, boundary-first flattening {PART}": lambda: _core.bff(mesh),
             "libigl, two pins": _peer(
                 "igl", lambda igl: lambda: igl.lscm(vertices, faces, pinned, at)[0]
             ),
