@@ -16,8 +16,11 @@ __all__ = [
     "cut_chart",
     "label_components",
     "lscm",
+    "parse_obj",
     "rasterize",
 ]
+
+__version__: str
 
 @final
 class TriangleMesh:
@@ -115,3 +118,6 @@ def bff(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]: 
 def rasterize(
     uv: NDArray[np.float64], resolution: int
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]: ...
+def parse_obj(
+    text: bytes,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]: ...

@@ -50,6 +50,8 @@ pub enum Error {
         "faces: disconnected surface of {count} components; faces 0 and {face} lie in different ones"
     )]
     Disconnected { count: usize, face: usize },
+    #[error("line {line}: {reason}")]
+    Syntax { line: usize, reason: String },
     #[error("{argument}: length {actual}, expected {expected}")]
     Length {
         argument: &'static str,

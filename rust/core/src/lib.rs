@@ -26,6 +26,7 @@ pub mod graph;
 pub mod lbfgs;
 pub mod linear;
 pub mod mesh;
+pub mod obj;
 pub mod operators;
 pub mod potentials;
 pub mod raster;

@@ -5,6 +5,7 @@ mod functionals;
 mod graph;
 mod lbfgs;
 mod mesh;
+mod obj;
 mod pool;
 mod raster;
 
@@ -36,6 +37,10 @@ fn filled<T: Send>(
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    // The first array imports a part of numpy, and panics where Ctrl-C breaks that off: not in the
+    // middle of a call.
+    drop(PyArray1::<f64>::zeros(module.py(), 0, false));
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<mesh::TriangleMesh>()?;
     module.add_class::<functionals::Perimeter>()?;
     module.add_class::<functionals::Area>()?;
@@ -47,5 +52,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::bff, module)?)?;
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
+    module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;
     Ok(())
 }

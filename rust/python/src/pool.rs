@@ -1,7 +1,8 @@
 //! The thread pool that all calls from Python run in.
 
-use std::process;
+use std::num::NonZero;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::{env, process, thread};
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -13,7 +14,7 @@ static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
 /// Runs `work` without the GIL in the pool of this process.
 ///
 /// A forked process, such as a worker of `multiprocessing`, inherits a pool without its threads
-/// and would wait for them for ever: it builds its own. `RAYON_NUM_THREADS` sets the size.
+/// and would wait for them for ever: it builds its own. `RAYON_NUM_THREADS` makes it smaller.
 pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     py.detach(|| Ok(current()?.install(work)))
 }
@@ -26,6 +27,7 @@ fn current() -> PyResult<Arc<ThreadPool>> {
         return Ok(threads.clone());
     }
     let threads = ThreadPoolBuilder::new()
+        .num_threads(size())
         .build()
         .map(Arc::new)
         .map_err(|error| PyRuntimeError::new_err(format!("no thread pool: {error}")))?;
@@ -34,4 +36,17 @@ fn current() -> PyResult<Arc<ThreadPool>> {
         std::mem::forget(inherited);
     }
     Ok(threads)
+}
+
+/// Number of threads: that of the cores, or what `RAYON_NUM_THREADS` asks for if it is less.
+fn size() -> usize {
+    // More threads than cores only wait for each other, and thousands run out of memory.
+    let cores = thread::available_parallelism().map_or(1, NonZero::get);
+    let asked = env::var("RAYON_NUM_THREADS")
+        .ok()
+        .and_then(|text| text.trim().parse().ok());
+    match asked {
+        Some(threads @ 1..) => cores.min(threads),
+        _ => cores,
+    }
 }
