@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Floats, Ints
 from .files import write_bytes
+from .scene.gltf import check_extensions
+from .scene.obj import read_obj
 from .surface import Surface
 
 if TYPE_CHECKING:
@@ -21,10 +23,10 @@ MESH_SUFFIXES = (".obj", ".ply", ".glb", ".off", ".stl")
 
 
 def load(path: str | PathLike[str]) -> Surface:
-    """Read a triangle mesh in any format that trimesh knows (OBJ, PLY, STL, OFF, GLB, ...).
+    """Read a triangle mesh: an OBJ file, or any other format that trimesh knows (PLY, GLB, ...).
 
     Vertices at exactly equal positions are one vertex: formats that store texture seams or loose
-    triangles repeat them. Vertices keep the order of their first use.
+    triangles repeat them. Vertices keep the order of their first use. Materials are not read.
 
     Parameters
     ----------
@@ -40,20 +42,21 @@ def load(path: str | PathLike[str]) -> Surface:
     ValueError
         For a file that cannot be read as a mesh, a point cloud, and every mesh that `Surface`
         refuses; the message starts with the file's name.
-    FileNotFoundError
-        For a missing file.
+    FileNotFoundError, IsADirectoryError
+        For a missing file and for a folder.
     """
-    # It takes as long to import as all the rest: only where files are read or written.
-    import trimesh
-
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
-    if path.stat().st_size == 0:
-        raise ValueError(f"{path}: empty file")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: a folder, not a file")
+    with path.open("rb") as file:
+        if not file.read(1):
+            raise ValueError(f"{path}: empty file")
     try:
-        mesh: Any = trimesh.load(path, force="mesh", process=False, maintain_order=True)
-        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        vertices, faces = read_obj(path) if path.suffix.lower() == ".obj" else _read(path)
+    except MemoryError:
+        raise
     except Exception as error:
         reason = str(error).strip().splitlines()
         raise ValueError(
@@ -62,14 +65,26 @@ def load(path: str | PathLike[str]) -> Surface:
     if len(faces) == 0:
         raise ValueError(f"{path}: no faces; a point cloud or an empty mesh is no surface")
     try:
-        return Surface(*_merge_coincident(vertices.astype(np.float64), faces.astype(np.int64)))
+        return Surface(*_merge_coincident(vertices, faces))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _merge_coincident(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _read(path: Path) -> tuple[Floats, Ints]:
+    if path.suffix.lower() in (".glb", ".gltf"):
+        check_extensions(path)
+    # It takes as long to import as all the rest: only where it is needed.
+    import trimesh
+
+    # Transforms of positions that are not finite would warn; the surface refuses those.
+    with np.errstate(invalid="ignore"):
+        mesh: Any = trimesh.load(
+            path, force="mesh", process=False, maintain_order=True, skip_materials=True
+        )
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+
+
+def _merge_coincident(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     # Left to Surface, which names the culprit by its index in the file.
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
         return vertices, faces
