@@ -1,12 +1,13 @@
-import importlib
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 import scipy.spatial
 
 import phaseatlas as pa
-from phaseatlas import datasets
+from phaseatlas import datasets, mmg
 from test_cli import run, write_obj
 
 mmgpy = pytest.importorskip("mmgpy", reason="remeshing needs the extra: pip install '.[remesh]'")
@@ -173,16 +174,16 @@ def test_default_edge_length():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"edge_length": 0}, "edge_length: 0 is not a positive"),
-        ({"edge_length": -0.1}, "edge_length: -0.1 is not"),
-        ({"edge_length": np.nan}, "edge_length: nan is not"),
-        ({"edge_length": np.inf}, "edge_length: inf is not"),
-        ({"edge_length": 5.0}, "edge_length: 5.0 is too large for a surface of area"),
-        ({"edge_length": 0.9}, "edge_length: 0.9 is too large to follow"),
-        ({"edge_length": 1e-6}, "edge_length: 1e-06 is too small"),
-        ({"edge_length": 0.1, "feature_angle": 0}, "feature_angle: 0 is not"),
-        ({"edge_length": 0.1, "feature_angle": np.nan}, "feature_angle: nan is not"),
-        ({"edge_length": 0.1, "feature_angle": 181}, "feature_angle: 181 is not"),
+        ({"edge_length": 0}, "edge_length: 0 must be a positive number"),
+        ({"edge_length": -0.1}, "edge_length: -0.1 must be a positive number"),
+        ({"edge_length": np.nan}, "edge_length: nan must be a positive number"),
+        ({"edge_length": np.inf}, "edge_length: inf must be a positive number"),
+        ({"edge_length": 5.0}, "edge_length: 5 must be smaller: on a surface of area"),
+        ({"edge_length": 0.9}, "edge_length: 0.9 must be smaller to follow the surface"),
+        ({"edge_length": 1e-6}, "edge_length: 1e-06 must be larger: on a surface of area"),
+        ({"edge_length": 0.1, "feature_angle": 0}, "feature_angle: 0 must be in (0, 180]"),
+        ({"edge_length": 0.1, "feature_angle": np.nan}, "feature_angle: nan must be in"),
+        ({"edge_length": 0.1, "feature_angle": 181}, "feature_angle: 181 must be in"),
     ],
 )
 def test_nonsense_is_refused(arguments, message):
@@ -198,7 +199,7 @@ def test_broken_results_are_refused(monkeypatch):
             return faces
 
     monkeypatch.setattr(mmgpy, "MmgMeshS", Flipped)
-    with pytest.raises(RuntimeError, match=r"MMG returned no valid surface: .*orientation"):
+    with pytest.raises(RuntimeError, match=r"MMG returned no valid surface.*: .*orientation"):
         pa.remesh(datasets.icosphere(2), 0.2)
 
 
@@ -215,13 +216,76 @@ def test_failure_of_the_library_is_one_error(monkeypatch):
 @pytest.mark.parametrize("longest", [0.7, 0.2])
 @pytest.mark.parametrize("name", ["coarse sphere", "uneven sheet", "cube"])
 def test_split_is_conforming_and_flat(name, longest):
-    split = importlib.import_module("phaseatlas.remesh")._split
     surface = SURFACES[name]()
-    result = pa.Surface(*split(surface.vertices, surface.faces, longest))
+    result = pa.Surface(*mmg.split(surface.vertices, surface.faces, longest))
     assert lengths(result).max() <= longest
     assert result.area == pytest.approx(surface.area, rel=1e-12)
     assert result.euler_characteristic == surface.euler_characteristic
     assert np.array_equal(result.vertices[: surface.n_vertices], surface.vertices)
+
+
+def box(*sides):
+    return pa.Surface(cube().vertices * sides, cube().faces)
+
+
+# Its creases are closer to each other than twice the edge length asked for.
+BEAM, BEAM_EDGE = box(1, 0.1, 0.1), 0.2
+
+
+def test_a_mean_that_is_missed_is_said():
+    with pytest.warns(pa.QualityWarning) as caught:
+        remeshed = pa.remesh(BEAM, BEAM_EDGE)
+    assert remeshed.mean_edge_length < 0.9 * BEAM_EDGE
+    (said,) = caught
+    expected = f"the mean edge length is {remeshed.mean_edge_length:.6g}, not {BEAM_EDGE}: "
+    assert str(said.message).startswith(expected)
+    # It points at the caller's own line.
+    assert said.filename == __file__
+
+
+def test_bad_triangles_are_said():
+    with pytest.warns(pa.QualityWarning, match="the worst face has a quality of") as caught:
+        remeshed = pa.remesh(box(1, 1, 0.02), 0.1)
+    worst = f"{remeshed.face_quality.min():.2g}"
+    assert any(f"quality of {worst};" in str(said.message) for said in caught)
+
+
+INTERRUPTS = """
+import os, signal, sys, threading, time
+import phaseatlas as pa
+
+def heard():
+    try:
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(10)
+    except KeyboardInterrupt:
+        return "heard"
+    return "lost"
+
+sphere = pa.datasets.icosphere(2)
+pa.remesh(sphere, 0.2)
+print(heard())
+thread = threading.Thread(target=pa.remesh, args=(sphere, 0.2))
+thread.start()
+thread.join()
+print(heard())
+timer = threading.Timer(0.5, signal.raise_signal, [signal.SIGINT])
+timer.start()
+try:
+    pa.remesh(sphere, 0.004)
+    print("lost")
+except KeyboardInterrupt:
+    print("heard")
+print(heard())
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of a process are those of POSIX")
+def test_ctrl_c_is_heard_during_and_after_remeshing():
+    result = subprocess.run([sys.executable, "-c", INTERRUPTS], capture_output=True, text=True)
+    assert result.stdout.split() == ["heard"] * 4, result.stderr
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "glb", "off", "stl"])
@@ -256,15 +320,29 @@ def test_coarse_mesh_to_segments(tmp_path):
         (["-o", "a.txt"], "must end in"),
         (["-o", "cube.obj"], "overwrite an input"),
         (["-o", "a.obj", "--edge-length", "nan"], "edge_length: nan"),
-        (["-o", "a.obj", "--edge-length", "9"], "edge_length: 9.0 is too large"),
-        (["-o", "a.obj", "--feature-angle", "-3"], "feature_angle: -3.0"),
+        (["-o", "a.obj", "--edge-length", "9"], "edge_length: 9 must be smaller"),
+        (["-o", "a.obj", "--feature-angle", "-3"], "feature_angle: -3 must be"),
     ],
 )
 def test_bad_arguments_write_nothing(tmp_path, arguments, words):
     surface = cube()
     write_obj(tmp_path / "cube.obj", surface.vertices, surface.faces)
     result = run("remesh", "cube.obj", *arguments, cwd=tmp_path)
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert len(result.stderr.strip().splitlines()) == 1
     assert words in result.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["cube.obj"]
+
+
+def test_strict_writes_the_file_and_fails_on_a_warning(tmp_path):
+    write_obj(tmp_path / "beam.obj", BEAM.vertices, BEAM.faces)
+    arguments = ["remesh", tmp_path / "beam.obj", "--edge-length", BEAM_EDGE]
+    lax = run(*arguments, "-o", tmp_path / "lax.obj")
+    assert lax.returncode == 0
+    strict = run(*arguments, "-o", tmp_path / "strict.obj", "--strict")
+    assert strict.returncode == 3
+    assert lax.stderr == strict.stderr
+    assert re.fullmatch(r"phaseatlas: warning: the mean edge length .*\n", strict.stderr)
+    assert (tmp_path / "lax.obj").read_bytes() == (tmp_path / "strict.obj").read_bytes()
+    good = run("remesh", tmp_path / "beam.obj", "-o", tmp_path / "a.obj", "--edge-length", 0.02)
+    assert (good.returncode, good.stderr) == (0, "")

@@ -7,15 +7,12 @@ closed surfaces point outwards. Lengths are in the unit of the arguments.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
-from numpy.typing import NDArray
+import scipy.sparse
 
+from .arrays import Floats, Ints
 from .surface import Surface
 
 __all__ = ["cylinder", "icosphere", "rounded_cube", "sheet", "starfish", "torus"]
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def icosphere(subdivisions: int = 4, radius: float = 1.0) -> Surface:
@@ -75,7 +72,7 @@ def torus(
     _require_positive("minor_radius", minor_radius)
     if minor_radius >= major_radius:
         raise ValueError(
-            f"minor_radius must be smaller than major_radius, got {minor_radius} >= {major_radius}"
+            f"minor_radius: {minor_radius} must be smaller than major_radius, {major_radius}"
         )
     _require_count("n_major", n_major, 3)
     _require_count("n_minor", n_minor, 3)
@@ -215,7 +212,7 @@ def rounded_cube(cells: int = 40, side: float = 2.0, radius: float = 0.5) -> Sur
     _require_positive("side", side)
     _require_positive("radius", radius)
     if radius > 0.5 * side:
-        raise ValueError(f"radius must be at most side / 2, got {radius} > {side} / 2")
+        raise ValueError(f"radius: {radius} must be at most half of side, {side / 2}")
     lattice, quads = _cube_lattice(cells)
     # Along a line of the grid, from the middle of one rounding to the middle of the next, the
     # arc length runs evenly; past the flat part it is an angle of up to 45 degrees.
@@ -234,7 +231,7 @@ def rounded_cube(cells: int = 40, side: float = 2.0, radius: float = 0.5) -> Sur
     return Surface(vertices, faces.reshape(-1, 3))
 
 
-def _cube_lattice(cells: int) -> tuple[IntArray, IntArray]:
+def _cube_lattice(cells: int) -> tuple[Ints, Ints]:
     """Points (p, 3) of a cube's surface on the lattice 0..cells, and quads (q, 4) outwards."""
     i, j = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
     around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
@@ -295,13 +292,13 @@ def starfish(subdivisions: int = 5) -> Surface:
     # mesh needs four times as many for the same shape.
     sweeps = _RELAXATION_SWEEPS * 4 ** max(subdivisions - 4, 0)
     for _ in range(sweeps):
-        mean: FloatArray = average @ _on_starfish(directions)
+        mean: Floats = average @ _on_starfish(directions)
         directions = 0.5 * (directions + mean / np.linalg.norm(mean, axis=1, keepdims=True))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return Surface(_on_starfish(directions), faces)
 
 
-def _on_starfish(directions: FloatArray) -> FloatArray:
+def _on_starfish(directions: Floats) -> Floats:
     """Points (n, 3) of the starfish in the given unit directions (n, 3)."""
     longitude, latitude = np.radians(_LIMBS[:, 0]), np.radians(_LIMBS[:, 1])
     axes = np.stack(
@@ -313,30 +310,30 @@ def _on_starfish(directions: FloatArray) -> FloatArray:
     )
     # exp((cos(angle) - 1) / width^2) is a Gaussian of the angle near the axis, smooth all round.
     bumps = np.exp((directions @ axes - 1.0) / _LIMBS[:, 3] ** 2)
-    radii: FloatArray = _BODY_RADIUS + bumps @ _LIMBS[:, 2]
+    radii: Floats = _BODY_RADIUS + bumps @ _LIMBS[:, 2]
     return radii[:, None] * directions
 
 
-def _unit_icosphere(subdivisions: int) -> tuple[FloatArray, IntArray]:
+def _unit_icosphere(subdivisions: int) -> tuple[Floats, Ints]:
     import trimesh
 
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=1.0)
     return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
 
 
-def _neighbour_average(n_vertices: int, faces: IntArray) -> sp.csr_array:
+def _neighbour_average(n_vertices: int, faces: Ints) -> scipy.sparse.csr_array:
     """Matrix (n, n) that maps vertex values to the mean over the neighbours."""
     start = faces.ravel()
     end = np.roll(faces, -1, axis=1).ravel()
     # On a closed surface every edge occurs once in each direction.
-    adjacency = sp.csr_array(
+    adjacency = scipy.sparse.csr_array(
         (np.ones(len(start)), (start, end)), shape=(n_vertices, n_vertices), dtype=np.float64
     )
     valence = np.bincount(start, minlength=n_vertices)
-    return sp.csr_array(sp.diags_array(1.0 / valence) @ adjacency)
+    return scipy.sparse.csr_array(scipy.sparse.diags_array(1.0 / valence) @ adjacency)
 
 
-def _grid_faces(rows: int, columns: int, *, wrap: tuple[bool, bool]) -> IntArray:
+def _grid_faces(rows: int, columns: int, *, wrap: tuple[bool, bool]) -> Ints:
     """Faces of the grid of vertices ``row * columns + column``, closed up where it wraps."""
     row, column = np.meshgrid(
         np.arange(rows if wrap[0] else rows - 1),
@@ -353,15 +350,15 @@ def _grid_faces(rows: int, columns: int, *, wrap: tuple[bool, bool]) -> IntArray
 
 
 def _require_count(name: str, value: int, smallest: int) -> None:
-    if value != int(value) or value < smallest:
-        raise ValueError(f"{name} must be an integer of at least {smallest}, got {value}")
+    if not (np.isfinite(value) and value == int(value) and value >= smallest):
+        raise ValueError(f"{name}: {value} must be an integer of at least {smallest}")
 
 
 def _require_positive(name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} must be a positive number, got {value}")
+        raise ValueError(f"{name}: {value} must be a positive number")
 
 
 def _require_finite(name: str, value: float) -> None:
     if not np.isfinite(value):
-        raise ValueError(f"{name} must be finite, got {value}")
+        raise ValueError(f"{name}: {value} must be a finite number")

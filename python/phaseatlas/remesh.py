@@ -1,48 +1,29 @@
 """Isotropic remeshing: triangles of even size and shape on the same surface.
 
-The library is MMG (https://www.mmgtools.org, LGPL), by its bindings mmgpy. Around it, this module
-does what MMG leaves to its user: a unit of length, an input fine enough to be followed closely, a
-choice of the creases to keep, and a check of the result.
+Around the library that does it, this module puts what that leaves to its user: a unit of length,
+bounds on what can be asked for, and a check of the result.
 """
 
+# Imported with the package, which must not take long: no arrays up here.
 from __future__ import annotations
 
-import threading
-from typing import Any
+import math
+from typing import TYPE_CHECKING
 
-import numpy as np
-import scipy.sparse
-import scipy.spatial
-from numpy.typing import NDArray
+from . import quality
 
-from .surface import Surface
+if TYPE_CHECKING:
+    from .surface import Surface
 
 __all__ = ["remesh"]
-
-Vertices = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-# Lengths below are in units of the target edge length.
-
-# The longest edge that MMG is given. It leaves a mesh alone whose edges are all between 1 / sqrt(2)
-# and sqrt(2), however far their mean is from the target: then it is given a finer one to coarsen.
-LONGEST_INPUT = (2**0.5, 0.8, 0.5**0.5)
-MEAN_TOLERANCE = 0.07
-# Distance to the surface beyond which MMG makes smaller triangles than asked for.
-HAUSDORFF = 0.5
-# Shorter creases are noise: keeping them would dictate the triangles around them.
-CREASE_LENGTH = 3.0
-# Creases that force a worse triangle than this are given up, as far as this from it.
-WORST_QUALITY = 0.2
-WORST_DISTANCE = 2.0
-# Straight stretches of the border come back from MMG with single edges that are longer.
-LONGEST_OUTPUT = 2.0
 
 DEFAULT_VERTICES = 10_000
 FEWEST_FACES = 20
 MOST_VERTICES = 5_000_000
 # Share of the area that may be cut off, or added, by the chords of long edges.
 AREA_TOLERANCE = 0.1
+# Relative difference of the mean edge length from the one asked for that goes without saying.
+LENGTH_TOLERANCE = 0.1
 
 
 def remesh(
@@ -53,7 +34,7 @@ def remesh(
     Edges are split, collapsed and swapped, and vertices moved, by the library MMG, on a smooth
     surface through the input (Dapogny, Dobrzynski and Frey 2014). Long edges are halved first, so
     that a coarse input is not rounded by more than a fraction of the new edge length. Creases and
-    corners of the border sharper than `feature_angle` are kept where they are longer than three
+    corners of the boundary sharper than `feature_angle` are kept where they are longer than three
     edge lengths and far enough from each other to leave room for triangles. The topology is that
     of the input.
 
@@ -66,12 +47,13 @@ def remesh(
         of it, unless the surface bends too much for that. By default the mean edge length of the
         surface, or shorter where that would give less than about 10,000 vertices.
     feature_angle : float, default 45
-        Angle in degrees between the normals of two faces, or between two edges of the border,
+        Angle in degrees between the normals of two faces, or between two edges of the boundary,
         from which on their common edge or vertex is kept; 180 keeps none.
 
     Returns
     -------
     Surface
+        Of the same genus and with as many boundary loops.
 
     Raises
     ------
@@ -83,216 +65,73 @@ def remesh(
         5 million vertices; for an angle that is not in (0, 180].
     RuntimeError
         Where MMG gives up.
+
+    Warns
+    -----
+    QualityWarning
+        Where the mean edge length differs from the target by more than a tenth, and where
+        faces are left with a quality below 0.2.
     """
-    if edge_length is None:
-        edge_length = _default_edge_length(surface)
-    if not 0 < edge_length < np.inf:
-        raise ValueError(f"edge_length: {edge_length} is not a positive number")
-    if not 0 < feature_angle <= 180:
-        raise ValueError(f"feature_angle: {feature_angle} is not in (0, 180] degrees")
-    # A face has sqrt(3) / 4 edge lengths squared, and there are two of them to a vertex.
-    n_faces = surface.area / edge_length**2 * 4 / np.sqrt(3)
-    if n_faces < FEWEST_FACES:
-        raise ValueError(
-            f"edge_length: {edge_length} is too large for a surface of area {surface.area:.6g}; "
-            f"it leaves {n_faces:.1f} faces, the fewest are {FEWEST_FACES}"
-        )
-    if n_faces > 2 * MOST_VERTICES:
-        raise ValueError(
-            f"edge_length: {edge_length} is too small for a surface of area {surface.area:.6g}; "
-            f"it gives {n_faces / 2:.3g} vertices, the most are {MOST_VERTICES}"
-        )
+    edge_length = _checked(surface, edge_length, feature_angle)
+    # Here, because scipy takes as long to import as all the rest.
+    from .mmg import LONGEST_INPUT, MEAN_TOLERANCE, WORST_QUALITY, remesh_unit, split
+    from .surface import Surface
+
     centre = surface.vertices.mean(axis=0)
     vertices = (surface.vertices - centre) / edge_length
     results = []
     for longest in LONGEST_INPUT:
-        split = Surface(*_split(vertices, surface.faces, longest))
-        results.append(_remesh_unit(split, feature_angle))
+        fine = Surface(*split(vertices, surface.faces, longest))
+        results.append(remesh_unit(fine, feature_angle))
         if abs(results[-1].mean_edge_length - 1) < MEAN_TOLERANCE:
             break
     result = min(results, key=lambda unit: abs(unit.mean_edge_length - 1))
     if (result.genus, result.n_boundary_loops) != (surface.genus, surface.n_boundary_loops):
         raise ValueError(
-            f"edge_length: {edge_length} is too large to keep the topology: genus "
-            f"{result.genus} of {surface.genus}, {result.n_boundary_loops} of "
-            f"{surface.n_boundary_loops} boundary loops"
+            f"edge_length: {edge_length:.6g} must be smaller to keep the topology: genus "
+            f"{result.genus} instead of {surface.genus}, {result.n_boundary_loops} boundary loops "
+            f"instead of {surface.n_boundary_loops}"
         )
     remeshed = Surface(result.vertices * edge_length + centre, result.faces)
     change = remeshed.area / surface.area - 1
     if abs(change) > AREA_TOLERANCE:
         raise ValueError(
-            f"edge_length: {edge_length} is too large to follow the surface: the area changes by "
-            f"{100 * change:.1f} %"
+            f"edge_length: {edge_length:.6g} must be smaller to follow the surface: the area "
+            f"changes by {100 * change:.1f} %"
+        )
+    if abs(result.mean_edge_length - 1) > LENGTH_TOLERANCE:
+        quality.warn(
+            f"the mean edge length is {remeshed.mean_edge_length:.6g}, not {edge_length:.6g}: the "
+            "surface bends too much for that; a smaller edge length follows it"
+        )
+    worst = float(remeshed.face_quality.min())
+    if worst < WORST_QUALITY:
+        quality.warn(
+            f"the worst face has a quality of {worst:.2g}; a smaller edge length or a larger "
+            "feature angle leaves room for better ones"
         )
     return remeshed
 
 
-def _default_edge_length(surface: Surface) -> float:
-    """Mean edge length, or that of about 10,000 equilateral triangles' vertices if shorter."""
-    even = float(np.sqrt(2 / np.sqrt(3) * surface.area / DEFAULT_VERTICES))
-    return min(surface.mean_edge_length, even)
-
-
-def _remesh_unit(surface: Surface, angle: float) -> Surface:
-    """Remesh to unit edge length, with as many creases as leave well-shaped triangles."""
-    edges, is_crease = _sharp_edges(surface, angle)
-    while True:
-        kept, corners = _chains(surface, edges, is_crease, angle)
-        creases = edges[kept & is_crease]
-        result = _mmg(surface, creases, corners)
-        bad = result.face_quality < WORST_QUALITY
-        if not bad.any() or len(creases) == 0:
-            return result
-        centroids = result.vertices[result.faces[bad]].mean(axis=1)
-        middles = surface.vertices[edges].mean(axis=1)
-        distance, _ = scipy.spatial.cKDTree(centroids).query(middles)
-        given_up = is_crease & kept & (distance < WORST_DISTANCE)
-        if not given_up.any():
-            return result
-        edges, is_crease = edges[~given_up], is_crease[~given_up]
-
-
-def _mmg(surface: Surface, creases: Indices, corners: Indices) -> Surface:
-    try:
-        from mmgpy import MmgMeshS
-    except ImportError as error:
-        raise ImportError(
-            "remesh needs the package mmgpy: pip install 'phaseatlas[remesh]'"
-        ) from error
-    mesh = MmgMeshS()
-    mesh.set_mesh_size(surface.n_vertices, surface.n_faces, len(creases))
-    mesh.set_vertices(surface.vertices)
-    mesh.set_triangles(surface.faces.astype(np.int32))
-    if len(creases):
-        mesh.set_edges(creases.astype(np.int32))
-        mesh.set_ridge_edges(np.arange(len(creases), dtype=np.int32))
-    if len(corners):
-        mesh.set_corners(corners.astype(np.int32))
-    _interruptible(lambda: mesh.remesh(hsiz=1.0, hausd=HAUSDORFF, angle=0, verbose=-1))
-    try:
-        faces = mesh.get_triangles().astype(np.int64)
-        return Surface(*_split(mesh.get_vertices(), faces, LONGEST_OUTPUT))
-    except ValueError as error:
-        raise RuntimeError(f"remesh: MMG returned no valid surface: {error}") from error
-
-
-def _interruptible(call: Any) -> None:
-    """Run a call that releases the GIL so that Ctrl-C is heard while it runs."""
-    errors: list[Exception] = []
-
-    def target() -> None:
-        try:
-            call()
-        except Exception as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=target, daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(0.1)
-    if errors:
-        raise RuntimeError(f"remesh: MMG failed: {errors[0]}") from errors[0]
-
-
-def _split(vertices: Vertices, faces: Indices, longest: float) -> tuple[Vertices, Indices]:
-    """Halve edges and cut their faces, conformingly, until no edge is longer than `longest`."""
-    while True:
-        sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
-        edges, edge_of = np.unique(
-            np.sort(sides, axis=-1).reshape(-1, 2), axis=0, return_inverse=True
+def _checked(surface: Surface, edge_length: float | None, feature_angle: float) -> float:
+    """The target edge length, after a check of both options against the surface."""
+    if not 0 < feature_angle <= 180:
+        raise ValueError(f"feature_angle: {feature_angle:g} must be in (0, 180] degrees")
+    if edge_length is None:
+        # Two equilateral triangles of sqrt(3) / 4 edge lengths squared to a vertex.
+        even = math.sqrt(2 / math.sqrt(3) * surface.area / DEFAULT_VERTICES)
+        edge_length = min(surface.mean_edge_length, even)
+    if not 0 < edge_length < math.inf:
+        raise ValueError(f"edge_length: {edge_length:g} must be a positive number")
+    n_faces = surface.area / edge_length**2 * 4 / math.sqrt(3)
+    if n_faces < FEWEST_FACES:
+        raise ValueError(
+            f"edge_length: {edge_length:.6g} must be smaller: on a surface of area "
+            f"{surface.area:.6g} it leaves {n_faces:.1f} faces, the fewest are {FEWEST_FACES}"
         )
-        length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-        long = length > longest
-        if not long.any():
-            return vertices, faces
-        middle = np.full(len(edges), -1)
-        middle[long] = len(vertices) + np.arange(np.count_nonzero(long))
-        vertices = np.concatenate([vertices, vertices[edges[long]].mean(axis=1)])
-        faces = _cut(vertices, faces, middle[edge_of.reshape(-1, 3)])
-
-
-def _cut(vertices: Vertices, faces: Indices, middles: Indices) -> Indices:
-    """Cut faces at the middles of their sides, (m, 3), side k from corner k on; -1 for none."""
-    count = np.count_nonzero(middles >= 0, axis=1)
-    # Turned so that a single cut side is the first, and a single whole side the last.
-    first = np.where(count == 1, middles.argmax(axis=1), (middles.argmin(axis=1) + 1) % 3)
-    turn = (first[:, None] + np.arange(3)) % 3
-    a, b, c = np.take_along_axis(faces, turn, axis=1).T
-    ab, bc, ca = np.take_along_axis(middles, turn, axis=1).T
-
-    def pick(where: NDArray[np.bool_], *corners: Indices) -> Indices:
-        return np.stack([corner[where] for corner in corners], axis=1)
-
-    none, one, two, three = (count == k for k in range(4))
-    # The quadrilateral a, ab, bc, c is cut along its shorter diagonal.
-    to_bc = np.linalg.norm(vertices[a] - vertices[bc], axis=1) < np.linalg.norm(
-        vertices[ab] - vertices[c], axis=1
-    )
-    return np.concatenate(
-        [
-            faces[none],
-            pick(one, a, ab, c),
-            pick(one, ab, b, c),
-            pick(two, ab, b, bc),
-            pick(two & to_bc, a, ab, bc),
-            pick(two & to_bc, a, bc, c),
-            pick(two & ~to_bc, a, ab, c),
-            pick(two & ~to_bc, ab, bc, c),
-            pick(three, a, ab, ca),
-            pick(three, b, bc, ab),
-            pick(three, c, ca, bc),
-            pick(three, ab, bc, ca),
-        ]
-    )
-
-
-def _sharp_edges(surface: Surface, angle: float) -> tuple[Indices, NDArray[np.bool_]]:
-    """Edges whose faces meet at more than `angle`, then the border: (k, 2), (k,) not border."""
-    corners = surface.vertices[surface.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    across = surface.face_neighbours
-    inner = np.nonzero(across > np.arange(surface.n_faces)[:, None])
-    cosine = (normals[inner[0]] * normals[across[inner]]).sum(axis=1)
-    sharp = cosine < np.cos(np.radians(angle))
-    border = np.nonzero(across < 0)
-    face = np.concatenate([inner[0][sharp], border[0]])
-    side = np.concatenate([inner[1][sharp], border[1]])
-    edges = np.stack([surface.faces[face, side], surface.faces[face, (side + 1) % 3]], axis=1)
-    return edges, np.arange(len(edges)) < np.count_nonzero(sharp)
-
-
-def _chains(
-    surface: Surface, edges: Indices, is_crease: NDArray[np.bool_], angle: float
-) -> tuple[NDArray[np.bool_], Indices]:
-    """Drop short creases: the edges to keep, (k,), and the corners of what is left, (c,).
-
-    A chain runs over vertices of two edges until it bends by more than `angle`. A short chain of
-    the border cannot be dropped; its bends are noise and are no corners.
-    """
-    points = surface.vertices
-    ends = edges.reshape(-1)
-    length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    kept = np.ones(len(edges), dtype=bool)
-    rounded = np.zeros(surface.n_vertices, dtype=bool)
-    while True:
-        degree = np.bincount(ends[np.repeat(kept, 2)], minlength=surface.n_vertices)
-        single = np.flatnonzero(np.repeat(kept, 2) & (degree[ends] == 2))
-        joint = single[np.argsort(ends[single], kind="stable")].reshape(-1, 2)
-        vertex = ends[joint[:, 0]]
-        # The other end of an edge whose ends are 2 e and 2 e + 1.
-        legs = points[ends[joint ^ 1]] - points[vertex][:, None]
-        legs /= np.linalg.norm(legs, axis=2, keepdims=True)
-        straight = -(legs[:, 0] * legs[:, 1]).sum(axis=1) >= np.cos(np.radians(angle))
-        bend = ~straight & ~rounded[vertex]
-        joined = joint[~bend] // 2
-        graph = scipy.sparse.coo_array(
-            (np.ones(len(joined)), (joined[:, 0], joined[:, 1])), shape=(len(edges), len(edges))
+    if n_faces > 2 * MOST_VERTICES:
+        raise ValueError(
+            f"edge_length: {edge_length:.6g} must be larger: on a surface of area "
+            f"{surface.area:.6g} it gives {n_faces / 2:.3g} vertices, the most are {MOST_VERTICES}"
         )
-        _, chain = scipy.sparse.csgraph.connected_components(graph, directed=False)
-        short = kept & (np.bincount(chain, length)[chain] < CREASE_LENGTH)
-        noise = bend & (short & ~is_crease)[joint // 2].any(axis=1)
-        if not (short & is_crease).any() and not noise.any():
-            return kept, np.concatenate([vertex[bend], np.flatnonzero(degree > 2)])
-        kept &= ~(short & is_crease)
-        rounded[vertex[noise]] = True
+    return edge_length
