@@ -1,21 +1,27 @@
 """Cut surfaces into connected segments by phase fields and turn them into texture atlases."""
 
-from . import datasets, functionals
-from .atlas import Atlas, Chart, build_atlas
-from .io import load, save_mesh, save_ply
-from .quality import QualityWarning
+import importlib
+from typing import TYPE_CHECKING
+
 from .remesh import remesh
-from .segmentation import (
-    CollapsedError,
-    Diagnostics,
-    DisconnectedError,
-    Progress,
-    Segmentation,
-    SegmentTree,
-    StoppedError,
-    segment,
-)
-from .surface import Surface
+
+if TYPE_CHECKING:
+    from . import datasets, functionals
+    from ._core import __version__
+    from .atlas import Atlas, Chart, build_atlas
+    from .io import load, save_mesh, save_ply
+    from .quality import QualityWarning
+    from .segmentation import (
+        CollapsedError,
+        Diagnostics,
+        DisconnectedError,
+        Progress,
+        Segmentation,
+        SegmentTree,
+        StoppedError,
+        segment,
+    )
+    from .surface import Surface
 
 __all__ = [
     "Atlas",
@@ -29,6 +35,7 @@ __all__ = [
     "Segmentation",
     "StoppedError",
     "Surface",
+    "__version__",
     "build_atlas",
     "datasets",
     "functionals",
@@ -38,3 +45,46 @@ __all__ = [
     "save_ply",
     "segment",
 ]
+
+# Where the names are that are imported when they are first asked for: all of the package takes
+# half a second, most of it in scipy. `remesh` alone is imported above. A module has its name, and
+# Python would put the module in the place of the function whenever it is imported later.
+_MODULES = {
+    "Atlas": "atlas",
+    "Chart": "atlas",
+    "CollapsedError": "segmentation",
+    "Diagnostics": "segmentation",
+    "DisconnectedError": "segmentation",
+    "Progress": "segmentation",
+    "QualityWarning": "quality",
+    "SegmentTree": "segmentation",
+    "Segmentation": "segmentation",
+    "StoppedError": "segmentation",
+    "Surface": "surface",
+    "__version__": "_core",
+    "build_atlas": "atlas",
+    "load": "io",
+    "save_mesh": "io",
+    "save_ply": "io",
+    "segment": "segmentation",
+}
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name):
+        if name in _MODULES:
+            value = getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+        elif name.startswith("__"):
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        else:
+            try:
+                value = importlib.import_module(f".{name}", __name__)
+            except ModuleNotFoundError as error:
+                if error.name != f"{__name__}.{name}":
+                    raise
+                raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
+        globals()[name] = value
+        return value
+
+    def __dir__():
+        return sorted({*globals(), *__all__})
