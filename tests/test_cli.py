@@ -1,19 +1,43 @@
+"""The command line: exit codes, one line for each failure, and what it takes to start."""
+
+import dataclasses
+import inspect
+import json
 import os
 import re
+import signal
+import struct
 import subprocess
 import sys
+import time
+import warnings
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 import phaseatlas as pa
-from phaseatlas import segmentation
+from phaseatlas import optimise, quality, segmentation
+from phaseatlas.cli import options
+from phaseatlas.cli.atlas import atlas
+from phaseatlas.cli.run import checked
+from phaseatlas.cli.segment import segment
 
 
 def run(*arguments, **options):
     command = [sys.executable, "-m", "phaseatlas", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+def failure(result, code):
+    """What a run that failed with this code said, in one line and nowhere else."""
+    assert result.returncode == code, result.stderr
+    assert result.stdout == ""
+    assert re.fullmatch(r"phaseatlas: .*\n", result.stderr), result.stderr
+    return result.stderr[len("phaseatlas: ") : -1]
 
 
 def write_obj(path, vertices, faces):
@@ -74,33 +98,273 @@ def check_refused(folder, mesh, command, culprit):
     suffixes = {"segment": "npz", "atlas": "glb", "remesh": "ply"}
     output = {name: ["-o", folder / f"out.{suffix}"] for name, suffix in suffixes.items()}
     result = run(command, mesh, *output.get(command, []))
-    assert result.returncode == 1
-    assert "panic" not in result.stderr
-    lines = result.stderr.strip().splitlines()
-    assert len(lines) == 1
-    assert lines[0].startswith(f"phaseatlas: {mesh}")
-    assert re.search(culprit, lines[0])
+    line = failure(result, 1)
+    assert line.startswith(f"{mesh}: ")
+    assert re.search(culprit, line)
     assert sorted(p.name for p in folder.iterdir()) == [mesh.name]
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["segment", "missing.obj", "-o", "a.npz"], "no such file"),
-        (["segment", "model.obj", "-o", "a.txt"], "must end in"),
-        (["atlas", "model.obj", "-o", "nowhere/a.glb"], "does not exist"),
-        (["segment", "model.obj", "-o", "a.npz", "--levels", "0"], "levels"),
-        (["segment", "model.obj", "-o", "a.npz", "--epsilon", "-1"], "epsilon"),
-        (["segment", "model.obj", "-o", "a.npz", "--epsilon", "nan"], "epsilon"),
-        (["atlas", "model.obj", "-o", "a.glb", "--texture", "missing.png"], "missing.png"),
+        ("", "Usage: phaseatlas"),
+        ("nonsense", "nonsense"),
+        ("info", "MESH"),
+        ("info model.obj more.obj", "more.obj"),
+        ("info --nonsense model.obj", "--nonsense"),
+        ("segment model.obj", "--output"),
+        ("segment model.obj -o a.txt", "output: a.txt must end in .npz or .ply"),
+        ("atlas model.obj -o nowhere/a.glb", "output: the folder of nowhere/a.glb does not exist"),
+        ("atlas model.obj -o model.obj", "output: model.obj would overwrite an input"),
+        ("segment model.obj -o a.npz --levels x", "--levels"),
+        ("segment model.obj -o a.npz --levels 0", "levels: 0 must be"),
+        ("segment model.obj -o a.npz --levels 17", "levels: 17 must be"),
+        ("segment model.obj -o a.npz --levels 13", "levels: 13"),
+        ("segment model.obj -o a.npz --epsilon -1", "epsilon: -1.0 must be a positive number"),
+        ("segment model.obj -o a.npz --epsilon nan", "epsilon: nan must be a positive number"),
+        ("segment model.obj -o a.npz --epsilon 100", "epsilon: "),
+        ("segment model.obj -o a.npz --distortion -1", "distortion: -1.0 must be"),
+        ("segment model.obj -o a.npz --distortion nan", "distortion: nan must be"),
+        ("segment model.obj -o a.npz --seed -1", "seed: -1 must be"),
+        ("segment model.obj -o a.npz --solver nonsense", "--solver"),
+        ("segment model.obj -o a.npz --area nonsense", "--area"),
+        ("segment model.obj -o a.npz --law nonsense", "--law"),
+        ("segment model.obj -o a.npz --initial nonsense", "--initial"),
+        ("atlas model.obj -o a.glb --flatten nonsense", "--flatten"),
+        ("atlas model.obj -o a.glb --resolution 31", "--resolution"),
+        ("demo model.obj", "folder: model.obj must be a folder"),
     ],
 )
-def test_bad_arguments(model, arguments, words):
+def test_arguments_that_cannot_be_used(model, arguments, words):
     before = sorted(model.parent.iterdir())
-    result = run(*arguments, cwd=model.parent)
-    assert result.returncode != 0
-    assert words in result.stderr
+    result = run(*arguments.split(), cwd=model.parent)
+    if arguments:
+        assert words in failure(result, 2)
+    else:
+        assert result.returncode == 2
+        assert result.stderr.startswith(words)
     assert sorted(model.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize("command", ["info", "segment", "atlas", "remesh"])
+def test_files_that_cannot_be_opened(model, command):
+    output = {"segment": ["-o", "a.npz"], "atlas": ["-o", "a.glb"], "remesh": ["-o", "a.ply"]}
+    folder = model.parent
+    for name, reason in [("missing.obj", "no such file"), ("folder", "a folder, not a file")]:
+        (folder / "folder").mkdir(exist_ok=True)
+        result = run(command, name, *output.get(command, []), cwd=folder)
+        assert failure(result, 1) == f"{name}: {reason}"
+
+
+def test_textures_that_cannot_be_used(model):
+    folder = model.parent
+    (folder / "noise.png").write_bytes(b"noise" * 100)
+    # Nothing but zeros, which compress well: a small file of more pixels than Pillow reads.
+    Image.new("1", (20_000, 20_000)).save(folder / "bomb.png")
+    for name, words in [
+        ("missing.png", "no such file"),
+        ("noise.png", "cannot be read as an image"),
+        ("bomb.png", "400000000 pixels"),
+    ]:
+        result = run("atlas", model, "-o", "a.glb", "--texture", name, cwd=folder)
+        line = failure(result, 1)
+        assert line.startswith(f"{name}: ")
+        assert words in line
+    assert not (folder / "a.glb").exists()
+
+
+def test_extensions_that_are_missing(tmp_path):
+    name = "EXT_meshopt_compression"
+    header = {"asset": {"version": "2.0"}, "extensionsRequired": [name], "extensionsUsed": [name]}
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    path = tmp_path / "packed.glb"
+    path.write_bytes(struct.pack("<4s4I", b"glTF", 2, 20 + len(text), len(text), 0x4E4F534A) + text)
+    assert name in failure(run("info", path), 1)
+
+
+def test_exit_codes_of_warnings(capsys):
+    """The library's warnings are lines, its other warnings are not; strict makes them a failure."""
+
+    def command(strict: bool = False) -> None:
+        quality.warn("the cut\nis long; a larger epsilon helps")
+        quality.warn("the cut\nis long; a larger epsilon helps")
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+
+    def quiet(strict: bool = False) -> None:
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+
+    assert checked(command)() == 0
+    line = "phaseatlas: warning: the cut is long; a larger epsilon helps\n"
+    assert capsys.readouterr().err == 2 * line
+    assert checked(command)(strict=True) == 3
+    assert capsys.readouterr().err == 2 * line
+    assert checked(quiet)(strict=True) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_only_options_make_a_usage_error():
+    """The same error is a usage error where the command has an option of its name."""
+
+    def command(epsilon: float = 1.0) -> None:
+        raise ValueError(f"epsilon: {epsilon} must be smaller")
+
+    def without() -> None:
+        command()
+
+    with pytest.raises(ValueError, match="epsilon") as usage:
+        checked(command)()
+    with pytest.raises(ValueError, match="epsilon") as other:
+        checked(without)()
+    assert type(usage.value) is not ValueError
+    assert type(other.value) is ValueError
+
+
+def test_options_are_those_of_the_library():
+    names = {
+        "area": options.Area,
+        "law": options.Formulation,
+        "solver": options.Solver,
+        "initial": options.Initial,
+    }
+    for name, option in names.items():
+        with pytest.raises(ValueError, match=name) as caught:
+            segmentation.Options(**{name: "nonsense"})
+        assert str(get_args(get_args(option)[0])) in str(caught.value)
+    library = {field.name: field.default for field in dataclasses.fields(segmentation.Options)}
+    for command in (segment, atlas):
+        for name, parameter in inspect.signature(command).parameters.items():
+            assert parameter.default == library.get(name, parameter.default)
+
+
+def interrupted(delay, *arguments, **settings):
+    """A run that gets Ctrl-C after `delay` seconds."""
+    command = [sys.executable, "-m", "phaseatlas", *map(str, arguments)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, **settings) as process:
+        time.sleep(delay)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    return subprocess.CompletedProcess(command, process.returncode, out, err)
+
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as POSIX does")
+
+
+@posix
+@pytest.mark.parametrize("command", ["segment", "atlas", "remesh"])
+def test_ctrl_c_while_working(tmp_path, command):
+    if command == "remesh":
+        pytest.importorskip("mmgpy", reason="needs the extra remesh")
+    surface = pa.datasets.icosphere(5)
+    write_obj(tmp_path / "sphere.obj", surface.vertices, surface.faces)
+    suffix = {"segment": "npz", "atlas": "glb", "remesh": "obj"}[command]
+    more = ["--edge-length", 0.004] if command == "remesh" else ["--levels", 6]
+    result = interrupted(2, command, "sphere.obj", "-o", f"a.{suffix}", *more, cwd=tmp_path)
+    assert failure(result, 130) == "interrupted"
+    assert [path.name for path in tmp_path.iterdir()] == ["sphere.obj"]
+
+
+@posix
+@pytest.mark.parametrize("module", ["typer", "numpy", "scipy"])
+def test_ctrl_c_while_importing(model, tmp_path, module):
+    # In the place of the real one: waits, says so, and turns the interrupt into something else.
+    text = "import sys, time\n"
+    text += "try:\n    print('here', flush=True)\n    time.sleep(60)\n"
+    text += "except BaseException:\n    raise ImportError('something else')\n"
+    (tmp_path / f"{module}.py").write_text(text)
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-m", "phaseatlas", "segment", str(model), "-o", "a.npz"]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    assert process.stdout.readline() == "here\n"
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, "", "phaseatlas: interrupted\n")
+
+
+@posix
+def test_a_reader_that_leaves_is_no_failure(model):
+    for command in (["info", model], ["segment", model, "-o", "a.npz", "--levels", "1"]):
+        read, write = os.pipe()
+        os.close(read)
+        command = [sys.executable, "-m", "phaseatlas", *map(str, command)]
+        result = subprocess.run(
+            command, stdout=write, stderr=subprocess.PIPE, text=True, cwd=model.parent
+        )
+        os.close(write)
+        assert (result.returncode, result.stderr) == (0, "")
+    assert (model.parent / "a.npz").exists()
+
+
+def test_no_window_system_plays_a_part(tmp_path):
+    environment = {**os.environ, "MPLBACKEND": "nonsense"}
+    result = run("demo", tmp_path / "out", "--levels", 1, env=environment)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_version():
+    # What is installed, where anything is, was built from the same manifest.
+    assert re.fullmatch(r"\d+\.\d+\.\d+\S*", pa.__version__)
+    manifest = Path(__file__).parents[1] / "Cargo.toml"
+    assert f'version = "{pa.__version__}"' in manifest.read_text(encoding="utf-8")
+    result = run("--version")
+    assert (result.returncode, result.stdout) == (0, f"phaseatlas {pa.__version__}\n")
+
+
+def imported(code):
+    """Names of the modules that a piece of code imports."""
+    code += "\nimport sys; print(*sys.modules, file=sys.stderr)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    return set(result.stderr.split())
+
+
+def test_what_is_imported_is_what_is_used(model):
+    heavy = {"numpy", "scipy", "matplotlib", "trimesh", "PIL", "xatlas", "rich", "typer"}
+    assert heavy & imported("import phaseatlas") == set()
+    command = f"import sys; sys.argv[1:] = ['info', {str(model)!r}]\n"
+    command += "from phaseatlas.cli import main\ntry:\n    main()\nexcept SystemExit:\n    pass"
+    used = imported(command)
+    assert heavy & used <= {"numpy", "scipy", "typer"}
+
+
+def test_names_of_the_package():
+    for name in pa.__all__:
+        assert getattr(pa, name) is not None
+        assert name in dir(pa)
+    assert pa.optimise is optimise
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = pa.nonsense
+    # The module of the same name does not take the function's place.
+    code = "from phaseatlas.remesh import remesh; import phaseatlas as pa\n"
+    code += "import phaseatlas.remesh; assert pa.remesh is remesh"
+    imported(code)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads as Linux does")
+@pytest.mark.parametrize(("asked", "most"), [("1000", os.cpu_count()), ("1", 1), ("x", None)])
+def test_threads_are_not_more_than_cores(asked, most):
+    code = (
+        "import os, phaseatlas as pa\nsphere = pa.datasets.icosphere(2)\n"
+        "count = lambda: len(os.listdir('/proc/self/task'))\nbefore = count()\n"
+        "pa.functionals.Area(sphere, 0.1).value_and_gradient(sphere.vertices[:, 0].copy())\n"
+        "print(before, count(), len(os.sched_getaffinity(0)))"
+    )
+    environment = {**os.environ, "RAYON_NUM_THREADS": asked}
+    result = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    before, after, cores = map(int, result.stdout.split())
+    # The surface may have started them.
+    assert after <= before + cores
+    assert after <= 1 + (most or cores) + before
 
 
 def test_segment_and_atlas(model):
@@ -140,19 +404,21 @@ def test_demo(tmp_path):
 
 def test_missing_extra_is_one_line(model):
     (model.parent / "mmgpy.py").write_text("raise ImportError\n")
-    environment = {**os.environ, "PYTHONPATH": str(model.parent)}
+    path = os.pathsep.join([str(model.parent), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path}
     result = run("remesh", model, "-o", model.parent / "a.obj", env=environment)
-    assert result.returncode == 1
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert "pip install 'phaseatlas[remesh]'" in result.stderr
+    assert "pip install 'phaseatlas[remesh]'" in failure(result, 1)
     assert not (model.parent / "a.obj").exists()
 
 
-@pytest.mark.parametrize("command", ["segment", "atlas", "remesh", "info", "demo"])
-def test_help(command):
-    result = run(command, "--help", env={"COLUMNS": "200", "PATH": ""})
-    assert result.returncode == 0
-    assert command in result.stdout
+@pytest.mark.parametrize("option", ["-h", "--help"])
+@pytest.mark.parametrize("command", [None, "segment", "atlas", "remesh", "info", "demo"])
+def test_help(command, option):
+    result = run(*filter(None, [command, option]))
+    assert (result.returncode, result.stderr) == (0, "")
+    assert f"Usage: phaseatlas {command or ''}" in result.stdout
+    strict = command not in (None, "info")
+    assert ("--strict" in result.stdout) == strict
 
 
 def test_distortion_with_free_areas_and_the_printed_law(tmp_path, model):

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
         Segmentation,
         SegmentTree,
         StoppedError,
-        segment,
     )
+    from .segmentation.segment import segment
     from .surface import Surface
 
 __all__ = [

@@ -1,0 +1,43 @@
+"""The application: its commands, and the options that stand before them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from .atlas import atlas
+from .demo import demo
+from .meshes import info, remesh
+from .run import USAGE, checked, say
+from .segment import segment
+
+__all__ = ["app"]
+
+# Without rich, whose boxes spread a message over lines and take a tenth of a second to import.
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.callback(invoke_without_command=True)
+def phaseatlas(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    """Cut surfaces into connected segments of equal area and turn them into texture atlases."""
+    if version:
+        from .._core import __version__
+
+        say(f"phaseatlas {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help(), err=True)
+        raise typer.Exit(USAGE)
+
+
+for command in (segment, atlas, remesh, info, demo):
+    app.command(command.__name__)(checked(command))

@@ -1,0 +1,116 @@
+"""What the commands print: surfaces, segments, figures of an atlas, the progress of a solve."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from .run import say
+
+if TYPE_CHECKING:
+    from ..atlas import Atlas
+    from ..segmentation import Progress, SegmentTree
+    from ..surface import Surface
+
+__all__ = ["progress", "say_metrics", "say_surface", "say_tree"]
+
+
+@contextmanager
+def progress(levels: int) -> Iterator[Callable[[Progress], None] | None]:
+    """Give a callback that draws a bar on the error stream, or none where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    # Imported for the bar alone.
+    import rich.console
+    import rich.progress
+
+    bar = rich.progress.Progress(
+        rich.progress.BarColumn(),
+        rich.progress.TextColumn("{task.description}"),
+        rich.progress.TimeElapsedColumn(),
+        console=rich.console.Console(stderr=True),
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task("")
+
+        def report(state: Progress) -> None:
+            bar.update(
+                task,
+                total=2**levels - 1,
+                completed=2 ** (state.level - 1) - 1 + state.node,
+                description=(
+                    f"level {state.level} of {levels}, node {state.node + 1} of "
+                    f"{2 ** (state.level - 1)}, iteration {state.iteration}, "
+                    f"energy {state.energy:.6f}"
+                ),
+            )
+
+        yield report
+
+
+def say_surface(surface: Surface) -> None:
+    """Print size, topology, area, edge lengths and quality of a surface."""
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    _say_pairs(
+        {
+            "vertices": f"{surface.n_vertices}",
+            "faces": f"{surface.n_faces}",
+            "genus": f"{surface.genus}",
+            "boundary loops": f"{surface.n_boundary_loops}",
+            "area": f"{surface.area:.6g}",
+            "extent": " x ".join(f"{side:.6g}" for side in high - low),
+            "mean edge length": f"{surface.mean_edge_length:.6g}",
+            "worst face quality": f"{surface.face_quality.min():.3g} (1 = equilateral)",
+            "default epsilon": f"{2 * surface.mean_edge_length:.6g}",
+        }
+    )
+
+
+def say_tree(tree: SegmentTree) -> None:
+    """Print the segments of a tree, the length between them and what was repaired."""
+    shares = 100 * tree.areas / tree.surface.area
+    _say_table(
+        ("segment", "area", "share %", "components"),
+        [
+            (f"{leaf}", f"{area:.6g}", f"{share:.3f}", f"{parts}")
+            for leaf, (area, share, parts) in enumerate(
+                zip(tree.areas, shares, tree.components, strict=True)
+            )
+        ],
+    )
+    length = sum(d.length for d in tree.diagnostics)
+    steps = sum(d.iterations for d in tree.diagnostics)
+    violation = max(abs(d.violation) for d in tree.diagnostics)
+    say(
+        f"interface length (diffuse) {length:.6g} "
+        f"({length / math.sqrt(tree.surface.area):.3f} sqrt(area)), "
+        f"{steps} iterations, area constraint met to {violation:.1e}"
+    )
+    for d in tree.diagnostics:
+        if d.repairs or d.relabelled_faces:
+            say(
+                f"level {d.level + 1}, node {d.node}: {d.components[0]} + {d.components[1]} "
+                f"components, {d.repairs} rounds of repair, {d.relabelled_faces} faces relabelled "
+                f"({100 * d.relabelled_area:.2g} % of the area)"
+            )
+
+
+def say_metrics(atlas: Atlas) -> None:
+    """Print the figures of an atlas in one line."""
+    say(", ".join(f"{name} {value:.4g}" for name, value in atlas.metrics().items()))
+
+
+def _say_pairs(pairs: Mapping[str, str]) -> None:
+    width = max(map(len, pairs))
+    say(*(f"{name:{width}}  {value}" for name, value in pairs.items()))
+
+
+def _say_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]
+    for row in (headings, *rows):
+        say("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)))
