@@ -456,3 +456,70 @@ def log_scales(vertices, faces, u, epsilon, law, delta, eta, weight=None):
         -yamabe(vertices, faces, w * chi(sign * u, delta), epsilon, law, eta)[0]
         for sign in (1.0, -1.0)
     )
+
+
+# --------------------------------------------------------------------------------------------------
+# baking
+# --------------------------------------------------------------------------------------------------
+
+
+def bilinear(image, uv):
+    """Values (k, c) of an image over [0, 1]^2, first row at v = 1, that repeats over the plane."""
+    height, width = image.shape[:2]
+    scale = 255.0 if image.dtype == np.uint8 else 1.0
+    values = []
+    for u, v in uv:
+        x, y = u * width - 0.5, (1.0 - v) * height - 0.5
+        left, top = math.floor(x), math.floor(y)
+        value = np.zeros(image.shape[2])
+        for row, row_weight in ((top, top + 1 - y), (top + 1, y - top)):
+            for column, column_weight in ((left, left + 1 - x), (left + 1, x - left)):
+                texel = image[row % height, column % width] / scale
+                value += row_weight * column_weight * texel
+        values.append(value)
+    return np.array(values)
+
+
+def barycentric(corners, point):
+    """Of a point in the plane."""
+    return np.linalg.solve(np.vstack([corners.T, np.ones(3)]), [*point, 1.0])
+
+
+def bake(corners, charts, texture, resolution, padding, background):
+    """Blend of a texture over charts, baked into the layout ``corners`` (m, 3, 2).
+
+    A chart is ``{face: (uv, weights)}`` with the places (3, 2) and weights (3,) of the corners of
+    each face, ``texture`` a function from places (k, 2) to values (k, 3) in [0, 1]. No centre of a
+    texel may lie on an edge of the layout.
+    """
+    colours = {}
+    for row in range(resolution):
+        for column in range(resolution):
+            centre = np.array([column + 0.5, resolution - row - 0.5]) / resolution
+            for face, triangle in enumerate(corners):
+                inside = barycentric(triangle, centre)
+                if inside.min() > 0:
+                    colours[row, column] = blend_at(charts, texture, face, inside)
+                    break
+    image = np.empty((resolution, resolution, 3), dtype=np.uint8)
+    for row in range(resolution):
+        for column in range(resolution):
+            squared, near_column, near_row = min(
+                ((r - row) ** 2 + (c - column) ** 2, c, r) for r, c in colours
+            )
+            within = padding is None or squared <= padding**2
+            image[row, column] = colours[near_row, near_column] if within else background
+    return image
+
+
+def blend_at(charts, texture, face, inside):
+    """Colour in bytes of a point of a face, given by its barycentric coordinates."""
+    total, colour = 0.0, np.zeros(3)
+    for chart in charts:
+        if face in chart:
+            uv, weights = chart[face]
+            weight = inside @ weights
+            if weight > 0:
+                colour += weight * texture((inside @ uv)[None])[0]
+                total += weight
+    return np.rint(np.clip(colour / total, 0, 1) * 255)

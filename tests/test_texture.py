@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import reference
 from phaseatlas import _core, datasets
 from phaseatlas.atlas import Atlas, Chart
-from phaseatlas.texture import bake, blend_vertices, checker, load_image, sample
+from phaseatlas.texture import (
+    bake,
+    blend_vertices,
+    check_resolution,
+    checker,
+    load_image,
+    sample,
+)
 
 
 def chart(surface, labelled, weights, uv, segment=0):
@@ -53,6 +65,35 @@ def double():
         chart(surface, labels == 1, x.copy(), place + np.array([10.0, 0.0]), 1),
     )
     return atlas_of(surface, charts, labels)
+
+
+@pytest.fixture(scope="module")
+def generic():
+    """Two charts that overlap in a part of a sheet, a layout of two islands away from the grid."""
+    surface = datasets.sheet(5, 4)
+    x = surface.vertices[:, 0]
+    middle = x[surface.faces].mean(axis=1)
+    labels = (middle > 0.5).astype(np.int64)
+    rng = np.random.default_rng(5)
+    charts = []
+    for segment, faces in enumerate([np.flatnonzero(middle < 0.7), np.flatnonzero(middle > 0.3)]):
+        vertices, triangles = np.unique(surface.faces[faces], return_inverse=True)
+        charts.append(
+            Chart(
+                segment=segment,
+                faces=faces,
+                labelled=labels[faces] == segment,
+                vertices=vertices,
+                triangles=triangles.reshape(-1, 3),
+                uv=surface.vertices[vertices, :2] + 0.2 * rng.random((len(vertices), 2)) - 3.0,
+                # Of some vertices one chart has no weight.
+                weights=np.clip([0.9 - x, x - 0.1][segment], 0.0, 1.0)[vertices],
+                log_scale=np.zeros(len(vertices)),
+            )
+        )
+    place = surface.vertices[surface.faces][..., :2]
+    uv = 0.0723 + 0.61 * place + labels[:, None, None] * np.array([0.1917, 0.1131])
+    return Atlas(surface=surface, charts=tuple(charts), labels=labels, uv=uv)
 
 
 def linear(uv):
@@ -216,12 +257,141 @@ def test_gutters_copy_the_nearest_texel(single):
     assert (some[:6] == [1, 2, 3]).all()
 
 
+def waves(uv):
+    return 0.5 + 0.5 * np.sin(uv @ np.array([[5.0, 9.0, 3.0], [2.0, -7.0, 8.0]]))
+
+
+def random_image(channels, dtype):
+    image = np.random.default_rng(channels).random((7, 10, channels))
+    return np.rint(255 * image).astype(np.uint8) if dtype == np.uint8 else image.astype(dtype)
+
+
+@pytest.mark.parametrize(
+    ("texture", "blend", "padding"),
+    [
+        (random_image(3, np.uint8), True, None),
+        (random_image(1, np.uint8), False, 0),
+        (random_image(3, np.float64), False, 2),
+        (random_image(1, np.float32), True, 1),
+        (waves, True, 2),
+        (waves, False, None),
+        (lambda uv: waves(uv)[:, 1:2], True, 3),
+    ],
+    ids=["bytes", "grey bytes", "floats", "grey floats", "blend", "sharp", "grey"],
+)
+def test_bake_is_that_of_the_slow_twin(generic, texture, padding, blend):
+    def colours(uv):
+        uv = 2.5 * uv  # the sheet has area 1
+        values = texture(uv) if callable(texture) else reference.bilinear(texture, uv)
+        return np.broadcast_to(values, (len(uv), 3))
+
+    charts = []
+    for chart in generic.charts:
+        kept = np.ones(len(chart.faces), dtype=bool) if blend else chart.labelled
+        weights = chart.weights if blend else np.ones(len(chart.vertices))
+        pairs = zip(chart.faces[kept], chart.triangles[kept], strict=True)
+        charts.append({face: (chart.uv[corners], weights[corners]) for face, corners in pairs})
+    options = {"resolution": 23, "padding": padding, "background": (1, 2, 3)}
+    expected = reference.bake(generic.uv, charts, colours, **options)
+    image = bake(generic, texture, scale=2.5, blend=blend, **options)
+    np.testing.assert_array_equal(image, expected)
+
+
+def test_lookup_is_that_of_the_slow_twin():
+    uv = np.random.default_rng(4).uniform(-3.0, 3.0, (200, 2))
+    uv[:4] = [[0.0, 0.0], [1.0, -1.0], [0.5, -1e-20], [-1e-20, 2.0]]
+    for image in (random_image(2, np.uint8), random_image(5, np.float64), random_image(1, float)):
+        np.testing.assert_allclose(sample(image, uv), reference.bilinear(image, uv), atol=1e-12)
+
+
+def test_tiles_of_an_image_join(generic):
+    texture = random_image(3, np.uint8)
+    asked = []
+
+    def function(uv):
+        asked.append(len(uv))
+        return sample(texture, uv)
+
+    resolution = 1100
+    image = bake(generic, texture, resolution=resolution)
+    np.testing.assert_array_equal(image, bake(generic, function, resolution=resolution))
+    assert len(asked) > 1
+    # The same texels as in one piece: every fourth centre of a layout four times as fine.
+    coarse = bake(generic, texture, resolution=resolution // 5, padding=0)
+    fine = bake(generic, texture, resolution=resolution, padding=0)
+    np.testing.assert_array_equal(coarse, fine[2::5, 2::5])
+
+
+BAKE_AND_HASH = """
+import hashlib
+import numpy as np
+from phaseatlas import datasets
+from phaseatlas.atlas import Atlas, Chart
+from phaseatlas.texture import bake, checker
+
+surface = datasets.sheet(40, 40)
+n, m = surface.n_vertices, surface.n_faces
+place = surface.vertices[:, :2]
+charts = tuple(
+    Chart(
+        segment=k,
+        faces=np.arange(m),
+        labelled=np.full(m, k == 0),
+        vertices=np.arange(n),
+        triangles=np.asarray(surface.faces),
+        uv=place * (k + 1.7),
+        weights=[place[:, 0], 1 - place[:, 0]][k],
+        log_scale=np.zeros(n),
+    )
+    for k in range(2)
+)
+uv = 0.1 + 0.7 * place[surface.faces]
+atlas = Atlas(surface=surface, charts=charts, labels=np.zeros(m, dtype=np.int64), uv=uv)
+image = bake(atlas, checker(64), resolution=1200)
+print(hashlib.sha256(image.tobytes()).hexdigest())
+"""
+
+
+def test_bytes_do_not_depend_on_the_threads():
+    hashes = {
+        subprocess.run(
+            [sys.executable, "-c", BAKE_AND_HASH],
+            env=os.environ | {"RAYON_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    }
+    assert len(hashes) == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere address space has no limit")
+def test_a_resolution_beyond_the_memory_is_refused(single):
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    used = pages * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + 2**30, limits[1]))
+    try:
+        check_resolution(4096)
+        with pytest.raises(MemoryError, match="resolution: 16384 takes"):
+            check_resolution(16384)
+        with pytest.raises(MemoryError, match="resolution: 16384 takes"):
+            bake(single, checker(8, 2), resolution=16384)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
 @pytest.mark.parametrize(
     ("options", "name"),
     [
         ({"scale": 0.0}, "scale"),
         ({"scale": math.nan}, "scale"),
         ({"resolution": 0}, "resolution"),
+        ({"resolution": 32769}, "resolution"),
+        ({"background": (0, 0, 256)}, "background"),
         ({"padding": -1}, "padding"),
     ],
 )
@@ -233,3 +403,21 @@ def test_bake_refuses_bad_options(single, options, name):
 def test_bake_refuses_two_channels(single):
     with pytest.raises(ValueError, match="1 or 3 channels, got 2"):
         bake(single, np.zeros((4, 4, 2)), resolution=8)
+
+
+def test_bake_refuses_faces_without_a_chart(generic):
+    atlas = Atlas(
+        surface=generic.surface, charts=generic.charts[:1], labels=generic.labels, uv=generic.uv
+    )
+    with pytest.raises(ValueError, match=r"face \d+ is in no chart with a positive weight"):
+        bake(atlas, checker(8, 2), resolution=64)
+    with pytest.raises(ValueError, match=r"charts is empty"):
+        bake(
+            Atlas(surface=atlas.surface, charts=(), labels=atlas.labels, uv=atlas.uv),
+            checker(8, 2),
+        )
+
+
+def test_textures_that_are_not_finite_are_refused(generic):
+    with pytest.raises(ValueError, match="texture must return finite values"):
+        bake(generic, lambda uv: np.full((len(uv), 3), np.nan), resolution=16)

@@ -6,21 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "BYTES_PER_TEXEL",
+    "MAX_RESOLUTION",
     "Area",
+    "Bake",
     "Connectedness",
     "Distortion",
     "LimitedMemory",
     "Perimeter",
     "TriangleMesh",
+    "available_memory",
     "bff",
     "cut_chart",
     "label_components",
     "lscm",
     "parse_obj",
     "rasterize",
+    "sample",
 ]
 
 __version__: str
+BYTES_PER_TEXEL: int
+MAX_RESOLUTION: int
 
 @final
 class TriangleMesh:
@@ -121,3 +128,28 @@ def rasterize(
 def parse_obj(
     text: bytes,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]: ...
+
+@final
+class Bake:
+    def __new__(
+        cls,
+        uv: NDArray[np.float64],
+        faces: NDArray[np.int64],
+        triangles: NDArray[np.int64],
+        places: NDArray[np.float64],
+        weights: NDArray[np.float64] | None,
+        scale: float,
+        resolution: int,
+        background: tuple[int, int, int],
+    ) -> Bake: ...
+    @property
+    def n_tiles(self) -> int: ...
+    def places(self, tile: int) -> NDArray[np.float64]: ...
+    def paint_values(self, tile: int, values: NDArray[np.float64]) -> None: ...
+    def paint_image(self, tile: int, image: NDArray[np.uint8] | NDArray[np.float64]) -> None: ...
+    def finish(self, padding: int | None = None) -> NDArray[np.uint8]: ...
+
+def sample(
+    image: NDArray[np.uint8] | NDArray[np.float64], places: NDArray[np.float64]
+) -> NDArray[np.float64]: ...
+def available_memory() -> int: ...

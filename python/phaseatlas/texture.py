@@ -9,20 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from . import _core
+from .arrays import Bytes, Floats, Ints
 
 if TYPE_CHECKING:
     from .atlas import Atlas
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bytes = NDArray[np.uint8]
-
 #: An image (H, W, c) of bytes or of floats in [0, 1], its first row at v = 1, or a function from
 #: UVs (k, 2) to values (k, c).
 Texture = NDArray[Any] | Callable[[Floats], Floats]
+
+# Memory that an image takes, in bytes a texel, while it is baked and written: the image and the
+# reach of its gutters, Pillow's copy (four bytes), the compressed data (three at most) and the file
+# around it. Measured, 8192 texels a side and their GLB file take 12.
+_BYTES_PER_TEXEL = _core.BYTES_PER_TEXEL + 9
+# And besides: a tile in work with the places and values of a function there.
+_WORKING_BYTES = 128 * 2**20
 
 
 def checker(
@@ -103,25 +106,17 @@ def sample(texture: Texture, uv: Floats) -> Floats:
     Raises
     ------
     ValueError
-        If an image is not (H, W, c) or a function returns anything but k rows.
+        If an image is not (H, W, c) or a function returns anything but k rows of finite values.
     """
     uv = np.asarray(uv, dtype=np.float64)
     if callable(texture):
         values = np.asarray(texture(uv), dtype=np.float64)
         if values.ndim != 2 or len(values) != len(uv):
             raise ValueError(f"texture must return shape ({len(uv)}, c), got {values.shape}")
+        if not np.isfinite(values).all():
+            raise ValueError("texture must return finite values, got NaN or infinity")
         return values
-    image = _unit_image(texture)
-    height, width, channels = image.shape
-    # Whole tiles are taken off first: far from the origin the interpolation would lose digits.
-    tile = uv - np.floor(uv)
-    places = np.stack([(1.0 - tile[:, 1]) * height - 0.5, tile[:, 0] * width - 0.5])
-    values = np.empty((len(uv), channels))
-    for channel in range(channels):
-        values[:, channel] = map_coordinates(
-            image[..., channel], places, order=1, mode="grid-wrap", prefilter=False
-        )
-    return values
+    return _core.sample(_image(texture), np.ascontiguousarray(uv))
 
 
 def blend_vertices(atlas: Atlas, texture: Texture, *, scale: float = 4.0) -> Floats:
@@ -183,21 +178,24 @@ def bake(
 
     Every texel that a face covers gets the blend, at its point of the surface, of f(phi) over all
     charts whose domain holds the face; weights and chart coordinates are linear in the face. The
-    result looks seamless on the surface although its layout has seams.
+    result looks seamless on the surface although its layout has seams. The image is made in tiles
+    of some rows, between which Ctrl-C stops the work.
 
     Parameters
     ----------
     atlas
         Charts with their blending weights and a packed layout ``atlas.uv``.
     texture
-        The function f: an image or a callable with values in [0, 1], three channels or one.
+        The function f: an image or a callable with values in [0, 1], three channels or one. A
+        callable is asked once a tile, for all charts together.
     resolution
         Side of the result in texels.
     scale
         Tiles of the texture per square root of the surface's area.
     padding
         How far the colours of the charts are carried over their borders, in texels, so that
-        filtering does not pull in the background; ``None`` fills the image.
+        filtering does not pull in the background; ``None`` fills the image. Each texel copies the
+        nearest covered one; of several the leftmost, and of these the uppermost.
     blend
         False takes each texel from the one chart whose segment the face belongs to (thresholding).
     background
@@ -211,81 +209,92 @@ def bake(
     Raises
     ------
     ValueError
-        If `scale`, `resolution` or `padding` is out of range, the texture has two or more than
-        three channels, or a covered texel is in no chart.
+        If `scale`, `resolution`, `padding` or `background` is out of range, the texture has two or
+        more than three channels, or a covered texel is in no chart.
+    MemoryError
+        If memory does not suffice for `resolution`; see `check_resolution`.
     """
-    if resolution < 1:
-        raise ValueError(f"resolution must be at least 1, got {resolution}")
+    check_resolution(resolution)
     if padding is not None and padding < 0:
         raise ValueError(f"padding must not be negative, got {padding}")
-    tiles = _tiles_per_unit(atlas, scale)
-    face, _ = _core.rasterize(np.ascontiguousarray(atlas.uv, dtype=np.float64), resolution)
-    row, column = np.nonzero(face >= 0)
-    texel_face = face[row, column].astype(np.int64)
-    centre = np.stack([column + 0.5, resolution - 0.5 - row], axis=1) / resolution
-    bary = _barycentric(atlas.uv[texel_face], centre)
-
-    colours = _blend_texels(atlas, texture, tiles, texel_face, bary, blend)
-    image = np.empty((resolution, resolution, 3), dtype=np.uint8)
-    image[:] = background
-    image[row, column] = np.rint(np.clip(colours, 0.0, 1.0) * 255.0)
-    return _fill_gutters(image, face >= 0, padding)
-
-
-def _blend_texels(
-    atlas: Atlas, texture: Texture, tiles: float, face: Ints, bary: Floats, blend: bool
-) -> Floats:
-    colours = np.zeros((len(face), 3))
-    total = np.zeros(len(face))
-    for chart in atlas.charts:
-        local = np.full(atlas.surface.n_faces, -1, dtype=np.int64)
-        kept = slice(None) if blend else chart.labelled
-        local[chart.faces[kept]] = np.arange(len(chart.faces))[kept]
-        hit = np.flatnonzero(local[face] >= 0)
-        corners = chart.triangles[local[face[hit]]]
-        weight = _interpolate(chart.weights[corners], bary[hit]) if blend else np.ones(len(hit))
-        used = weight > 0.0
-        hit, corners, weight = hit[used], corners[used], weight[used]
-        if not len(hit):
+    if len(background) != 3 or not all(0 <= channel <= 255 for channel in background):
+        raise ValueError(f"background must be three bytes, got {background}")
+    image = None if callable(texture) else _image(texture)
+    if image is not None:
+        _check_channels(image.shape[2])
+    layout = np.ascontiguousarray(atlas.uv, dtype=np.float64)
+    charts = _concatenated(atlas, blend)
+    scale = _tiles_per_unit(atlas, scale)
+    work = _core.Bake(layout, *charts, scale, resolution, background)
+    for tile in range(work.n_tiles):
+        if image is not None:
+            work.paint_image(tile, image)
             continue
-        values = sample(texture, tiles * _interpolate(chart.uv[corners], bary[hit]))
-        if values.shape[1] not in (1, 3):
-            raise ValueError(f"texture must have 1 or 3 channels, got {values.shape[1]}")
-        colours[hit] += weight[:, None] * values
-        total[hit] += weight
-    if not (total > 0.0).all():
-        wrong = int(face[np.flatnonzero(~(total > 0.0))[0]])
-        raise ValueError(f"face {wrong} is in no chart with a positive weight")
-    return colours / total[:, None]
+        places = work.places(tile)
+        if len(places):
+            values = sample(texture, places)
+            _check_channels(values.shape[1])
+            colours = np.broadcast_to(values, (len(places), 3))
+            work.paint_values(tile, np.ascontiguousarray(colours))
+    return work.finish(padding)
 
 
-def _interpolate(values: Floats, bary: Floats) -> Floats:
-    """Linear in the face, from values at the corners (k, 3) or (k, 3, d)."""
-    result: Floats = np.einsum("kc...,kc->k...", values, bary)
-    return result
+def check_resolution(resolution: int) -> None:
+    """Refuse a resolution that cannot be baked, before the work that comes first.
+
+    Parameters
+    ----------
+    resolution : int
+        Side of the image in texels.
+
+    Raises
+    ------
+    ValueError
+        If `resolution` is not in 1..32768.
+    MemoryError
+        If baking and writing the image would take more memory than there is.
+    """
+    if not 1 <= resolution <= _core.MAX_RESOLUTION:
+        raise ValueError(f"resolution must be in 1..{_core.MAX_RESOLUTION}, got {resolution}")
+    needed = _WORKING_BYTES + resolution**2 * _BYTES_PER_TEXEL
+    if needed > _core.available_memory() or not _can_allocate(needed):
+        raise MemoryError(
+            f"resolution: {resolution} takes {needed / 2**30:.1f} GiB of memory; must be smaller"
+        )
 
 
-def _barycentric(corners: Floats, points: Floats) -> Floats:
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = points - corners[:, 0]
-    area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    second = (p[:, 0] * b[:, 1] - p[:, 1] * b[:, 0]) / area
-    third = (a[:, 0] * p[:, 1] - a[:, 1] * p[:, 0]) / area
-    # Covered texels lie inside up to rounding, which a sliver's small area magnifies.
-    bary = np.clip(np.stack([1.0 - second - third, second, third], axis=1), 0.0, 1.0)
-    inside: Floats = bary / bary.sum(axis=1, keepdims=True)
-    return inside
+def _can_allocate(size: int) -> bool:
+    """Whether a process whose address space is limited may take so many bytes."""
+    try:
+        np.empty(size, dtype=np.uint8)
+    except MemoryError:
+        return False
+    return True
 
 
-def _fill_gutters(image: Bytes, covered: NDArray[np.bool_], padding: int | None) -> Bytes:
-    if not covered.any() or padding == 0:
-        return image
-    distance, nearest = distance_transform_edt(~covered, return_indices=True)
-    filled: Bytes = image[nearest[0], nearest[1]]
-    if padding is not None:
-        beyond = distance > padding
-        filled[beyond] = image[beyond]
-    return filled
+def _concatenated(atlas: Atlas, blend: bool) -> tuple[Ints, Ints, Floats, Floats | None]:
+    """Faces, corners, places and weights of all charts; with `blend` or the labelled faces alone.
+
+    The corners count through the vertices of all charts.
+    """
+    charts = atlas.charts
+    if not charts:
+        raise ValueError("atlas.charts is empty")
+    kept = [slice(None) if blend else chart.labelled for chart in charts]
+    first = np.cumsum([0, *(len(chart.vertices) for chart in charts)])
+    pairs = list(zip(charts, kept, strict=True))
+    corners = [chart.triangles[k] + start for (chart, k), start in zip(pairs, first, strict=False)]
+    return (
+        np.concatenate([chart.faces[k] for chart, k in pairs]),
+        np.concatenate(corners),
+        np.concatenate([chart.uv for chart in charts]),
+        np.concatenate([chart.weights for chart in charts]) if blend else None,
+    )
+
+
+def _check_channels(count: int) -> None:
+    if count not in (1, 3):
+        raise ValueError(f"texture must have 1 or 3 channels, got {count}")
 
 
 def _tiles_per_unit(atlas: Atlas, scale: float) -> float:
@@ -294,15 +303,14 @@ def _tiles_per_unit(atlas: Atlas, scale: float) -> float:
     return float(scale / np.sqrt(atlas.surface.area))
 
 
-def _unit_image(texture: NDArray[Any]) -> Floats:
+def _image(texture: NDArray[Any]) -> Bytes | Floats:
     texture = np.asarray(texture)
     if texture.ndim != 3 or 0 in texture.shape:
         raise ValueError(f"texture must have shape (H, W, c), got {texture.shape}")
     if texture.dtype == np.uint8:
-        return texture / 255.0
+        return np.ascontiguousarray(texture)
     if not np.issubdtype(texture.dtype, np.floating):
         raise ValueError(f"texture: dtype {texture.dtype}, expected uint8 or floats in [0, 1]")
     if not ((texture >= 0) & (texture <= 1)).all():
         raise ValueError("texture: floats must be in [0, 1]")
-    image: Floats = texture.astype(np.float64)
-    return image
+    return np.ascontiguousarray(texture, dtype=np.float64)

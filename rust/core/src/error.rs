@@ -72,6 +72,17 @@ pub enum Error {
         low: f64,
         high: f64,
     },
+    #[error("{argument}[{position}]: {index} is outside 0..{count}")]
+    Index {
+        argument: &'static str,
+        position: usize,
+        index: i64,
+        count: usize,
+    },
+    #[error("image: {length} values do not fill the shape {shape:?}")]
+    Image { length: usize, shape: [usize; 3] },
+    #[error("charts: face {face} is in no chart with a positive weight")]
+    Uncharted { face: usize },
     #[error("{argument}: {value} must be {expected}")]
     Parameter {
         argument: &'static str,
@@ -89,8 +100,12 @@ pub enum Error {
         argument: &'static str,
         reason: String,
     },
-    #[error("{argument}: out of memory for {size} unknowns")]
-    OutOfMemory { argument: &'static str, size: usize },
+    #[error("{argument}: out of memory for {size} {unit}")]
+    OutOfMemory {
+        argument: &'static str,
+        size: usize,
+        unit: &'static str,
+    },
 }
 
 /// The result of everything that checks its input.
@@ -170,4 +185,18 @@ pub(crate) fn check_non_negative(argument: &'static str, value: f64) -> Result<(
             expected: "a non-negative number",
         })
     }
+}
+
+/// `n` copies of a value, one a texel, or an error where there is no memory for them.
+pub(crate) fn try_filled<T: Copy>(argument: &'static str, n: usize, value: T) -> Result<Vec<T>> {
+    let mut values = Vec::new();
+    values
+        .try_reserve_exact(n)
+        .map_err(|_| Error::OutOfMemory {
+            argument,
+            size: n,
+            unit: "texels",
+        })?;
+    values.resize(n, value);
+    Ok(values)
 }

@@ -12,12 +12,14 @@
 //! | (12), (13) | diffuse Yamabe equation, distortion and its adjoint | [`functionals::distortion`] |
 //! | section 3 | the scalar laws Psi, chi, F, H | [`potentials`] |
 //! | section 3 | stiffness and lumped mass | [`operators`], [`mesh`] |
+//! | section 4 | textures carried by overlapping charts | [`bake`] |
 //! | section 4 | chart maps (least-squares conformal, boundary-first) | [`flatten`] |
 //!
 //! Every functional has one shape, [`functionals::Functional`]. What depends on the surface
 //! alone is built once, in [`mesh::TriangleMesh`]. Results do not depend on the number of
 //! threads: sums run over chunks of fixed size and are added in a fixed order.
 
+pub mod bake;
 mod buffers;
 pub mod error;
 pub mod flatten;

@@ -5,6 +5,17 @@
 //! never leave one out. The arithmetic is exact: corners are rounded once to a grid of 2^-20 texels, and
 //! everything after that is integer.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result, try_filled};
+
+/// Largest side of a texture in texels: an offset between two of its rows takes 16 bits.
+pub const MAX_RESOLUTION: usize = 32768;
+/// Rows that one task works on.
+pub(crate) const STRIP: usize = 8;
+
 /// Fractional bits of a texel coordinate.
 const SUBTEXEL_BITS: u32 = 20;
 const ONE: i128 = 1 << SUBTEXEL_BITS;
@@ -26,22 +37,122 @@ pub struct Raster {
 /// side. Texel (row, column) has its centre at u = (column + 1/2) / resolution, v = 1 - (row + 1/2) / resolution.
 /// Triangles are clipped to the texture; those without area and those with a corner that is not finite
 /// cover nothing. Trailing corners that make no whole triangle are ignored.
-pub fn rasterize(uv: &[[f64; 2]], resolution: usize) -> Raster {
-    let mut raster = Raster {
-        face: vec![-1; resolution * resolution],
-        count: vec![0; resolution * resolution],
-    };
-    for (index, corners) in uv.chunks_exact(3).enumerate() {
-        if let Some(triangle) = Triangle::new(corners, resolution) {
-            triangle.cover(resolution, |texel| {
-                if raster.face[texel] < 0 {
-                    raster.face[texel] = index as i32;
+///
+/// # Errors
+/// `resolution` outside 1..=[`MAX_RESOLUTION`], more triangles than indices of 31 bits hold,
+/// [`Error::OutOfMemory`].
+pub fn rasterize(uv: &[[f64; 2]], resolution: usize) -> Result<Raster> {
+    let strips = Strips::new(uv, resolution)?;
+    let mut face = try_filled("resolution", resolution * resolution, -1_i32)?;
+    let mut count = try_filled("resolution", resolution * resolution, 0_u8)?;
+    face.par_chunks_mut(STRIP * resolution)
+        .zip(count.par_chunks_mut(STRIP * resolution))
+        .enumerate()
+        .for_each(|(strip, (face, count))| {
+            strips.cover(strip, |triangle, texels| {
+                for texel in texels {
+                    if face[texel] < 0 {
+                        face[texel] = triangle as i32;
+                    }
+                    count[texel] = count[texel].saturating_add(1);
                 }
-                raster.count[texel] = raster.count[texel].saturating_add(1);
+            });
+        });
+    Ok(Raster { face, count })
+}
+
+/// The triangles of a layout, three corners each, by the strips of [`STRIP`] rows that they may cover.
+#[derive(Debug)]
+pub(crate) struct Strips<Corners> {
+    uv: Corners,
+    resolution: usize,
+    /// Those of strip `s` are `triangles[starts[s]..starts[s + 1]]`, ascending.
+    starts: Vec<usize>,
+    triangles: Vec<u32>,
+}
+
+impl<Corners: AsRef<[[f64; 2]]>> Strips<Corners> {
+    pub(crate) fn new(uv: Corners, resolution: usize) -> Result<Self> {
+        if !(1..=MAX_RESOLUTION).contains(&resolution) {
+            return Err(Error::Parameter {
+                argument: "resolution",
+                value: resolution as f64,
+                expected: "a number of texels in 1..32768",
             });
         }
+        let (corners, _) = uv.as_ref().as_chunks::<3>();
+        if corners.len() > i32::MAX as usize {
+            return Err(Error::TooLarge {
+                n_vertices: 3 * corners.len(),
+                n_faces: corners.len(),
+            });
+        }
+        let count = resolution.div_ceil(STRIP);
+        let strips_of = |corners| {
+            let rows = Triangle::new(corners, resolution).map(|triangle| triangle.rows(resolution));
+            let rows = rows.unwrap_or(0..0);
+            rows.start / STRIP..rows.end.div_ceil(STRIP)
+        };
+        let mut starts = vec![0_usize; count + 1];
+        for corners in corners {
+            for strip in strips_of(corners) {
+                starts[strip + 1] += 1;
+            }
+        }
+        for strip in 0..count {
+            starts[strip + 1] += starts[strip];
+        }
+        let mut triangles = vec![0; starts[count]];
+        let mut cursor = starts.clone();
+        for (triangle, corners) in corners.iter().enumerate() {
+            for strip in strips_of(corners) {
+                triangles[cursor[strip]] = triangle as u32;
+                cursor[strip] += 1;
+            }
+        }
+        Ok(Self {
+            uv,
+            resolution,
+            starts,
+            triangles,
+        })
     }
-    raster
+
+    pub(crate) fn resolution(&self) -> usize {
+        self.resolution
+    }
+
+    /// Number of strips.
+    pub(crate) fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// The three corners of a triangle.
+    pub(crate) fn corners(&self, triangle: usize) -> &[[f64; 2]; 3] {
+        &self.uv.as_ref().as_chunks::<3>().0[triangle]
+    }
+
+    /// Calls `visit` with every triangle, ascending, and each run of texels that it covers in the
+    /// strip; texels are numbered from the first one of the strip.
+    pub(crate) fn cover(&self, strip: usize, mut visit: impl FnMut(usize, Range<usize>)) {
+        let top = strip * STRIP;
+        let bottom = self.resolution.min(top + STRIP);
+        for &index in &self.triangles[self.starts[strip]..self.starts[strip + 1]] {
+            let index = index as usize;
+            let Some(triangle) = Triangle::new(self.corners(index), self.resolution) else {
+                continue;
+            };
+            let rows = triangle.rows(self.resolution);
+            triangle.cover(
+                rows.start.max(top)..rows.end.min(bottom),
+                self.resolution,
+                |row, columns| {
+                    let first = (row - top) * self.resolution;
+                    visit(index, first + columns.start..first + columns.end);
+                },
+            );
+        }
+    }
 }
 
 /// A point on the subtexel grid: x to the right, y down.
@@ -51,8 +162,8 @@ type Point = [i128; 2];
 struct Triangle([Point; 3]);
 
 impl Triangle {
-    fn new(corners: &[[f64; 2]], resolution: usize) -> Option<Self> {
-        let [a, b, c] = [corners[0], corners[1], corners[2]].map(|uv| snap(uv, resolution));
+    fn new(corners: &[[f64; 2]; 3], resolution: usize) -> Option<Self> {
+        let [a, b, c] = corners.map(|uv| snap(uv, resolution));
         let (a, b, c) = (a?, b?, c?);
         match cross(a, b, c).signum() {
             0 => None,
@@ -61,21 +172,27 @@ impl Triangle {
         }
     }
 
-    /// Calls `visit` with every covered texel, row by row.
-    fn cover(&self, resolution: usize, mut visit: impl FnMut(usize)) {
+    /// The rows in which it may cover texels.
+    fn rows(&self, resolution: usize) -> Range<usize> {
+        texel_range(self.0.map(|p| p[1]), resolution)
+    }
+
+    /// Calls `visit` with each of the rows where it covers texels, and their columns.
+    fn cover(
+        &self,
+        rows: Range<usize>,
+        resolution: usize,
+        mut visit: impl FnMut(usize, Range<usize>),
+    ) {
         let Self(corners) = self;
-        let (left, right) = texel_range(corners.map(|p| p[0]), resolution);
-        let (top, bottom) = texel_range(corners.map(|p| p[1]), resolution);
+        let columns = texel_range(corners.map(|p| p[0]), resolution);
         let edges = [0, 1, 2].map(|k| Edge::new(corners[k], corners[(k + 1) % 3]));
-        for row in top..bottom {
-            let mut values = edges.each_ref().map(|edge| edge.at(left, row));
-            for column in left..right {
-                if values.iter().all(|&value| value >= 0) {
-                    visit(row * resolution + column);
-                }
-                for (value, edge) in values.iter_mut().zip(&edges) {
-                    *value += edge.step;
-                }
+        for row in rows {
+            let covered = edges
+                .iter()
+                .fold(columns.clone(), |columns, edge| edge.clip(row, columns));
+            if !covered.is_empty() {
+                visit(row, covered);
             }
         }
     }
@@ -107,6 +224,36 @@ impl Edge {
         let centre = [column, row].map(|k| k as i128 * ONE + ONE / 2);
         cross(self.from, self.to, centre) + self.bias
     }
+
+    /// Those of the columns whose centres in the row lie in the half-plane.
+    fn clip(&self, row: usize, columns: Range<usize>) -> Range<usize> {
+        let Range { start, end } = columns;
+        let value = self.at(start, row);
+        if self.step == 0 {
+            return start..if value >= 0 { end } else { start };
+        }
+        let holds = |column: usize| value + (column - start) as i128 * self.step >= 0;
+        // Rounded, the crossing is at most one column off: what counts is the exact test.
+        let crossing = (-(value as f64) / self.step as f64).clamp(0.0, (end - start) as f64);
+        let mut column = start + crossing as usize;
+        if self.step > 0 {
+            while column > start && holds(column - 1) {
+                column -= 1;
+            }
+            while column < end && !holds(column) {
+                column += 1;
+            }
+            column..end
+        } else {
+            while column > start && !holds(column - 1) {
+                column -= 1;
+            }
+            while column < end && holds(column) {
+                column += 1;
+            }
+            start..column
+        }
+    }
 }
 
 /// Twice the signed area of a triangle, positive for clockwise corners on the page (y points down).
@@ -123,14 +270,14 @@ fn snap(uv: [f64; 2], resolution: usize) -> Option<Point> {
 }
 
 /// The texels along one axis whose centres may lie between the extremes of three coordinates.
-fn texel_range(coordinates: [i128; 3], resolution: usize) -> (usize, usize) {
+fn texel_range(coordinates: [i128; 3], resolution: usize) -> Range<usize> {
     let low = coordinates.into_iter().fold(i128::MAX, i128::min);
     let high = coordinates.into_iter().fold(i128::MIN, i128::max);
     let last = resolution as i128;
     let first_centre = (low + ONE / 2 - 1).div_euclid(ONE);
     let past_centre = (high + ONE / 2).div_euclid(ONE);
     let start = first_centre.clamp(0, last) as usize;
-    (start, past_centre.clamp(start as i128, last) as usize)
+    start..past_centre.clamp(start as i128, last) as usize
 }
 
 #[cfg(test)]
@@ -179,9 +326,9 @@ mod tests {
 
     #[test]
     fn rows_run_from_the_top() {
-        let raster = rasterize(&[[0.0, 1.0], [0.0, 0.8], [0.2, 1.0]], 4);
+        let raster = rasterize(&[[0.0, 1.0], [0.0, 0.8], [0.2, 1.0]], 4).unwrap();
         assert_eq!(covered(&raster), 0);
-        let raster = rasterize(&[[0.0, 1.0], [0.0, 0.7], [0.3, 1.0]], 4);
+        let raster = rasterize(&[[0.0, 1.0], [0.0, 0.7], [0.3, 1.0]], 4).unwrap();
         assert_eq!(raster.face[0], 0);
         assert_eq!(covered(&raster), 1);
     }
@@ -195,7 +342,7 @@ mod tests {
             (13, 0.4, 97),
             (40, 0.4, 64),
         ] {
-            let raster = rasterize(&tiling(cells, jitter, 7), resolution);
+            let raster = rasterize(&tiling(cells, jitter, 7), resolution).unwrap();
             assert!(
                 raster.count.iter().all(|&count| count == 1),
                 "{cells} cells at {resolution}"
@@ -212,7 +359,13 @@ mod tests {
         let uv: Vec<_> = (0..4)
             .flat_map(|k| [centre, corners[k], corners[(k + 1) % 4]])
             .collect();
-        assert!(rasterize(&uv, 9).count.iter().all(|&count| count == 1));
+        assert!(
+            rasterize(&uv, 9)
+                .unwrap()
+                .count
+                .iter()
+                .all(|&count| count == 1)
+        );
     }
 
     #[test]
@@ -222,23 +375,26 @@ mod tests {
             .chunks_exact(3)
             .flat_map(|t| [t[0], t[2], t[1]])
             .collect();
-        assert_eq!(rasterize(&uv, 50), rasterize(&flipped, 50));
+        assert_eq!(
+            rasterize(&uv, 50).unwrap(),
+            rasterize(&flipped, 50).unwrap()
+        );
     }
 
     #[test]
     fn overlap_is_counted_and_the_first_face_wins() {
         let one = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-        let raster = rasterize(&[one, one, one].concat(), 10);
+        let raster = rasterize(&[one, one, one].concat(), 10).unwrap();
         let full = raster.count.iter().filter(|&&count| count == 3).count();
         assert_eq!(full, covered(&raster));
         assert!(raster.face.iter().all(|&face| face <= 0));
         let many = one.repeat(300);
-        assert_eq!(rasterize(&many, 10).count.iter().max(), Some(&255));
+        assert_eq!(rasterize(&many, 10).unwrap().count.iter().max(), Some(&255));
     }
 
     #[test]
     fn the_covered_share_is_the_area() {
-        let raster = rasterize(&[[0.1, 0.2], [0.9, 0.31], [0.43, 0.87]], 1000);
+        let raster = rasterize(&[[0.1, 0.2], [0.9, 0.31], [0.43, 0.87]], 1000).unwrap();
         let area = 0.5 * (0.8 * 0.67 - 0.33 * 0.11);
         let share = covered(&raster) as f64 / 1.0e6;
         assert!((share - area).abs() < 1.0e-4, "{share} for {area}");
@@ -251,18 +407,50 @@ mod tests {
         let outside = [[1.1, 1.1], [2.0, 1.1], [1.1, 2.0]];
         let broken = [[f64::NAN, 0.0], [1.0, 0.0], [0.0, 1.0]];
         let endless = [[f64::INFINITY, 0.0], [1.0, 0.0], [0.0, 1.0]];
-        let raster = rasterize(&[point, line, outside, broken, endless].concat(), 8);
+        let raster = rasterize(&[point, line, outside, broken, endless].concat(), 8).unwrap();
         assert_eq!(covered(&raster), 0);
     }
 
     #[test]
     fn triangles_are_clipped() {
-        let raster = rasterize(&[[-1.0e30, -5.0], [1.0e30, -5.0], [0.5, 1.0e30]], 8);
+        let raster = rasterize(&[[-1.0e30, -5.0], [1.0e30, -5.0], [0.5, 1.0e30]], 8).unwrap();
         assert!(raster.count.iter().all(|&count| count == 1));
     }
 
+    /// The texels that a triangle covers by the definition, one after the other.
+    fn covered_by(corners: &[[f64; 2]; 3], resolution: usize) -> Vec<usize> {
+        let Some(Triangle(p)) = Triangle::new(corners, resolution) else {
+            return Vec::new();
+        };
+        let edges = [0, 1, 2].map(|k| Edge::new(p[k], p[(k + 1) % 3]));
+        (0..resolution * resolution)
+            .filter(|texel| {
+                let (row, column) = (texel / resolution, texel % resolution);
+                edges.iter().all(|edge| edge.at(column, row) >= 0)
+            })
+            .collect()
+    }
+
     #[test]
-    fn no_texels_is_legal() {
-        assert_eq!(rasterize(&tiling(2, 0.0, 1), 0).face, Vec::<i32>::new());
+    fn runs_hold_the_texels_inside_all_edges() {
+        let mut number = numbers(5);
+        for size in [0.05, 0.5, 3.0, 1.0e6] {
+            for _ in 0..40 {
+                let mut point = || [0.5 + size * (number() - 0.5), 0.5 + size * (number() - 0.5)];
+                let corners = [point(), point(), point()];
+                let raster = rasterize(&corners, 37).unwrap();
+                let texels = raster.face.iter().enumerate();
+                let found: Vec<usize> = texels.filter(|(_, f)| **f == 0).map(|(t, _)| t).collect();
+                assert_eq!(found, covered_by(&corners, 37), "{corners:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn resolution_is_checked() {
+        for resolution in [0, MAX_RESOLUTION + 1] {
+            let error = rasterize(&tiling(2, 0.0, 1), resolution).unwrap_err();
+            assert!(error.to_string().starts_with("resolution:"), "{error}");
+        }
     }
 }

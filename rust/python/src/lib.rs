@@ -1,9 +1,11 @@
 //! Python bindings of `phaseatlas-core`: conversions, errors and the release of the GIL.
 
+mod bake;
 mod flatten;
 mod functionals;
 mod graph;
 mod lbfgs;
+mod memory;
 mod mesh;
 mod obj;
 mod pool;
@@ -53,5 +55,10 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(flatten::bff, module)?)?;
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
     module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;
+    module.add_class::<bake::Bake>()?;
+    module.add_function(wrap_pyfunction!(bake::sample, module)?)?;
+    module.add_function(wrap_pyfunction!(memory::available_memory, module)?)?;
+    module.add("BYTES_PER_TEXEL", phaseatlas_core::bake::BYTES_PER_TEXEL)?;
+    module.add("MAX_RESOLUTION", phaseatlas_core::raster::MAX_RESOLUTION)?;
     Ok(())
 }

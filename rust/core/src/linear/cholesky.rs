@@ -245,6 +245,7 @@ pub(super) fn out_of_memory(size: usize) -> Error {
     Error::OutOfMemory {
         argument: "matrix",
         size,
+        unit: "unknowns",
     }
 }
 
