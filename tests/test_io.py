@@ -411,3 +411,117 @@ def test_real_meshes_keep_their_counts(mesh_path):
         assert surface.n_vertices == sum(line.startswith("v ") for line in lines)
         assert surface.n_faces == sum(line.startswith("f ") for line in lines)
         assert (surface.genus, surface.n_boundary_loops) == topology
+
+
+def crack_that_touches_itself():
+    """A sheet with two slits that end at one point: there the surface has two vertices."""
+    sheet = pa.datasets.sheet(8, 8)
+    middle = 40
+    x, y = sheet.vertices[:, 0], sheet.vertices[:, 1]
+    fan = np.flatnonzero((sheet.faces == middle).any(axis=1))
+    # Without the faces left and right of the middle, those above and below touch there.
+    centres = sheet.face_mean(sheet.vertices)[fan]
+    beside = np.abs(centres[:, 0] - x[middle]) > np.abs(centres[:, 1] - y[middle])
+    faces = np.delete(sheet.faces, fan[beside], axis=0)
+    below = np.flatnonzero((faces == middle).any(axis=1))
+    below = below[(sheet.vertices[faces[below]].mean(axis=1)[:, 1] < y[middle])]
+    faces[below] = np.where(faces[below] == middle, sheet.n_vertices, faces[below])
+    return pa.Surface(np.vstack([sheet.vertices, sheet.vertices[middle]]), faces)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "glb", "off", "stl"])
+def test_a_written_surface_that_touches_itself_loads_again(tmp_path, suffix):
+    surface = crack_that_touches_itself()
+    pa.save_mesh(surface, tmp_path / f"crack.{suffix}")
+    again = pa.load(tmp_path / f"crack.{suffix}")
+    assert (again.n_vertices, again.n_faces) == (surface.n_vertices, surface.n_faces)
+    assert (again.genus, again.n_boundary_loops) == (surface.genus, surface.n_boundary_loops)
+
+
+def test_an_atlas_of_a_surface_that_touches_itself_loads_again(tmp_path):
+    surface = crack_that_touches_itself()
+    pa.build_atlas(pa.segment(surface, 1)).save(tmp_path / "crack.glb", resolution=64)
+    assert pa.load(tmp_path / "crack.glb").n_vertices == surface.n_vertices
+
+
+def far_away():
+    sphere = pa.datasets.icosphere(3)
+    return pa.Surface(sphere.vertices + np.array([448_000.0, 5_411_000.0, 120.0]), sphere.faces)
+
+
+@pytest.mark.parametrize(("suffix", "digits"), [("glb", 1e-7), ("ply", 0), ("obj", 1e-9)])
+def test_positions_far_from_the_origin_keep_their_precision(tmp_path, suffix, digits):
+    surface = far_away()
+    pa.save_mesh(surface, tmp_path / f"far.{suffix}")
+    again = pa.load(tmp_path / f"far.{suffix}")
+    assert np.abs(again.vertices - surface.vertices).max() <= 2 * digits
+
+
+def test_stl_refuses_what_single_precision_would_ruin(tmp_path):
+    with pytest.raises(ValueError, match=r"path: .* must be a .ply or .obj file: in an STL"):
+        pa.save_mesh(far_away(), tmp_path / "far.stl")
+    assert not list(tmp_path.iterdir())
+
+
+def close_pair():
+    """A surface with two vertices closer than single precision tells apart."""
+    sheet = pa.datasets.sheet(4, 4)
+    vertices, faces = sheet.vertices.copy(), sheet.faces
+    a, b, _ = faces[5]
+    vertices[a] = vertices[b] + 2e-9 * (vertices[a] - vertices[b])
+    return pa.Surface(vertices, faces)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "stl"])
+def test_vertices_that_would_become_one_are_refused(tmp_path, suffix):
+    with pytest.raises(ValueError, match="1 vertices would stand where others do"):
+        pa.save_mesh(close_pair(), tmp_path / f"close.{suffix}")
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "off"])
+def test_vertices_are_told_apart_by_as_many_digits_as_it_takes(tmp_path, suffix):
+    surface = close_pair()
+    pa.save_mesh(surface, tmp_path / f"close.{suffix}")
+    assert pa.load(tmp_path / f"close.{suffix}").n_vertices == surface.n_vertices
+
+
+def glb_header(path):
+    data = path.read_bytes()
+    size = int.from_bytes(data[12:16], "little")
+    return json.loads(data[20 : 20 + size])
+
+
+def test_glb_files_have_a_white_material_a_name_and_normals(tmp_path):
+    pa.save_mesh(pa.datasets.icosphere(2), tmp_path / "ball.glb")
+    header = glb_header(tmp_path / "ball.glb")
+    (material,) = header["materials"]
+    assert material["pbrMetallicRoughness"] == {
+        "baseColorFactor": [1.0, 1.0, 1.0, 1.0],
+        "metallicFactor": 0.0,
+        "roughnessFactor": 1.0,
+    }
+    assert material["name"] == header["meshes"][0]["name"] == "ball"
+    assert "ball" in [node["name"] for node in header["nodes"]]
+    assert "NORMAL" in header["meshes"][0]["primitives"][0]["attributes"]
+
+
+def test_atlases_have_the_normals_of_the_whole_surface_on_both_sides_of_a_seam(tmp_path):
+    surface = pa.datasets.starfish(3)
+    atlas = pa.build_atlas(pa.segment(surface, 2))
+    atlas.save(tmp_path / "star.glb", resolution=64)
+    (mesh,) = trimesh.load(tmp_path / "star.glb", process=False).geometry.values()
+    assert len(mesh.vertices) > surface.n_vertices
+    _, place = np.unique(np.round(mesh.vertices, 5), axis=0, return_inverse=True)
+    first = np.zeros((place.max() + 1, 3))
+    first[place.reshape(-1)] = mesh.vertex_normals
+    np.testing.assert_allclose(mesh.vertex_normals, first[place.reshape(-1)], atol=1e-6)
+    factors = glb_header(tmp_path / "star.glb")["materials"][0]["pbrMetallicRoughness"]
+    assert factors["baseColorFactor"] == [1.0, 1.0, 1.0, 1.0]
+    assert (factors["metallicFactor"], factors["roughnessFactor"]) == (0.0, 1.0)
+    atlas.save(tmp_path / "star.obj", resolution=64)
+    material = (tmp_path / "star.mtl").read_text()
+    assert "Kd 1 1 1" in material
+    assert "Ks 0 0 0" in material
+    assert "map_Kd star.png" in material
+    textured = trimesh.load(tmp_path / "star.obj", force="mesh", process=False)
+    assert textured.visual.uv.shape == (len(textured.vertices), 2)

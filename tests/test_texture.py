@@ -421,3 +421,30 @@ def test_bake_refuses_faces_without_a_chart(generic):
 def test_textures_that_are_not_finite_are_refused(generic):
     with pytest.raises(ValueError, match="texture must return finite values"):
         bake(generic, lambda uv: np.full((len(uv), 3), np.nan), resolution=16)
+
+
+def test_images_of_sixteen_bits_keep_their_picture(tmp_path):
+    ramp = np.arange(0, 65536, 257, dtype=np.uint16).reshape(16, 16)
+    Image.fromarray(ramp).save(tmp_path / "ramp.png")
+    image = load_image(tmp_path / "ramp.png")
+    assert np.array_equal(image, np.repeat(np.arange(256).reshape(16, 16, 1), 3, axis=2))
+    np.testing.assert_allclose(
+        sample(ramp[..., None], np.array([[0.5, 0.5]])),
+        sample((ramp / 65535)[..., None], np.array([[0.5, 0.5]])),
+    )
+
+
+def test_the_image_of_sixteen_bits_of_the_collection(case_path):
+    image = load_image(case_path("texture_16bit.png"))
+    assert len(np.unique(image)) == 256
+    assert (image == 255).mean() < 0.01
+
+
+def test_images_of_floats_are_scaled_or_refused(tmp_path):
+    ramp = np.linspace(0, 1, 256, dtype=np.float32).reshape(16, 16)
+    Image.fromarray(ramp).save(tmp_path / "ramp.tif")
+    image = load_image(tmp_path / "ramp.tif")
+    assert np.array_equal(image[..., 0], np.arange(256).reshape(16, 16))
+    Image.fromarray(2 * ramp).save(tmp_path / "bright.tif")
+    with pytest.raises(ValueError, match=r"floats must be in \[0, 1\]"):
+        load_image(tmp_path / "bright.tif")

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from . import _core
-from .files import write_bytes
-from .io import decimals
+from . import _core, quality
+from .files import write_bytes, write_files
 from .metrics import atlas_metrics
 from .packing import check_packing, face_areas, pack
+from .scene.gltf import glb, ruin_of_single_precision, translation
+from .scene.obj import obj
 from .segmentation import SegmentTree
 from .surface import Surface
 from .texture import Texture, bake, blend_vertices, checker
 
 if TYPE_CHECKING:
-    import trimesh
+    pass
 
 __all__ = ["Atlas", "Chart", "build_atlas"]
 
@@ -156,45 +156,27 @@ class Atlas:
         ValueError
             For another suffix.
         """
-        import trimesh
-
         path = Path(path)
         suffix = path.suffix.lower()
         if suffix not in (".glb", ".obj"):
             raise ValueError(f"path: suffix {path.suffix!r} of {path} must be .glb or .obj")
         if image is None:
             image = self.bake(texture, resolution=resolution)
-        mesh = self._textured_mesh(image, path.stem)
-        if suffix == ".glb":
-            write_bytes(path, mesh.export(file_type="glb"))
-            return
-        text, sidecars = trimesh.exchange.obj.export_obj(
-            mesh,
-            include_normals=False,
-            return_texture=True,
-            write_texture=False,
-            mtl_name=f"{path.stem}.mtl",
-            header=None,
-            digits=decimals(self.surface),
-        )
-        for name, data in sidecars.items():
-            write_bytes(path.parent / name, data)
-        write_bytes(path, text.encode())
-
-    def _textured_mesh(self, image: NDArray[np.uint8], name: str) -> trimesh.Trimesh:
-        import trimesh
-
+        # A vertex on a seam stands once a side, with the normal of the whole surface.
         corners = np.column_stack(
             [self.surface.faces.reshape(-1).astype(np.float64), self.uv.reshape(-1, 2)]
         )
         unique, inverse = np.unique(corners, axis=0, return_inverse=True)
-        material = trimesh.visual.material.SimpleMaterial(image=Image.fromarray(image), name=name)
-        return trimesh.Trimesh(
-            vertices=self.surface.vertices[unique[:, 0].astype(np.int64)],
-            faces=inverse.reshape(-1, 3),
-            visual=trimesh.visual.TextureVisuals(uv=unique[:, 1:], material=material),
-            process=False,
-        )
+        origin, uv = unique[:, 0].astype(np.int64), unique[:, 1:]
+        faces = inverse.reshape(-1, 3)
+        vertices, normals = self.surface.vertices[origin], self.surface.vertex_normals[origin]
+        if suffix == ".glb":
+            welded = self.surface.vertices
+            if ruin := ruin_of_single_precision(welded - translation(welded)):
+                quality.warn(f"{path}: {ruin}; an .obj file holds them")
+            write_bytes(path, glb(path.stem, vertices, faces, normals, uv, image))
+        else:
+            write_files(obj(path, vertices, faces, normals, uv, image))
 
 
 def build_atlas(

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-__all__ = ["write_bytes", "write_whole"]
+__all__ = ["write_bytes", "write_files", "write_whole"]
 
 
 def write_bytes(path: str | PathLike[str], data: Any) -> None:
     """Write a file whole or not at all."""
     with write_whole(path) as temporary:
         temporary.write_bytes(data)
+
+
+def write_files(contents: Mapping[Path, bytes]) -> None:
+    """Write files that belong together: all are on disk before the first takes its place."""
+    with ExitStack() as stack:
+        for path, data in reversed(list(contents.items())):
+            stack.enter_context(write_whole(path)).write_bytes(data)
 
 
 @contextmanager

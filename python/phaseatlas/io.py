@@ -10,12 +10,13 @@ import numpy as np
 
 from .arrays import Floats, Ints
 from .files import write_bytes
-from .scene.gltf import check_extensions
-from .scene.obj import read_obj
+from .scene.gltf import check_extensions, glb, ruin_of_single_precision, translation
+from .scene.obj import digits_for, read_obj
+from .scene.ply import ply
 from .surface import Surface
 
 if TYPE_CHECKING:
-    from .segmentation.tree import SegmentTree
+    from .segmentation import Segmentation, SegmentTree
 
 __all__ = ["load", "save_mesh", "save_ply"]
 
@@ -25,8 +26,9 @@ MESH_SUFFIXES = (".obj", ".ply", ".glb", ".off", ".stl")
 def load(path: str | PathLike[str]) -> Surface:
     """Read a triangle mesh: an OBJ file, or any other format that trimesh knows (PLY, GLB, ...).
 
-    Vertices at exactly equal positions are one vertex: formats that store texture seams or loose
-    triangles repeat them. Vertices keep the order of their first use. Materials are not read.
+    Vertices at exactly equal positions are one vertex where edges of two faces match: formats
+    that store texture seams or loose triangles repeat them. Vertices keep the order of their first
+    use. Materials are not read.
 
     Parameters
     ----------
@@ -85,36 +87,68 @@ def _read(path: Path) -> tuple[Floats, Ints]:
 
 
 def _merge_coincident(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Make one vertex of those at equal positions, but where faces meet at a point alone.
+
+    Formats repeat vertices along texture seams and around loose triangles: there the edges of two
+    faces match, and their ends are joined. Two parts of a surface that only touch at a point were
+    apart in the file and stay apart.
+    """
     # Left to Surface, which names the culprit by its index in the file.
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
         return vertices, faces
-    _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    _, first, place = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(vertices):
         return vertices, faces
-    representative = first[inverse.reshape(-1)]
+    place = place.reshape(-1)
+    starts, ends = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    turned = place[starts] > place[ends]
+    starts, ends = np.where(turned, ends, starts), np.where(turned, starts, ends)
+    order = np.lexsort((place[ends], place[starts]))
+    starts, ends = starts[order], ends[order]
+    match = (place[starts[1:]] == place[starts[:-1]]) & (place[ends[1:]] == place[ends[:-1]])
+    pairs = [
+        (starts[:-1][match], starts[1:][match]),
+        (ends[:-1][match], ends[1:][match]),
+        _unused(faces, place),
+    ]
+    a, b = (np.concatenate(side) for side in zip(*pairs, strict=True))
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(vertices)
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
+    _, joined = connected_components(graph, directed=False)
+    _, first, group = np.unique(joined, return_index=True, return_inverse=True)
+    representative = first[group.reshape(-1)]
     kept = np.unique(representative)
     return vertices[kept], np.searchsorted(kept, representative[faces])
 
 
-def save_ply(tree: SegmentTree, path: str | PathLike[str]) -> None:
+def _unused(faces: Ints, place: Ints) -> tuple[Ints, Ints]:
+    """Vertices without a face, each with one that stands at its place and has a face."""
+    used = np.zeros(len(place), dtype=np.bool_)
+    used[faces] = True
+    at = np.full(place.max() + 1, -1)
+    at[place[used]] = np.flatnonzero(used)
+    loose = np.flatnonzero(~used & (at[place] >= 0))
+    return loose, at[place[loose]]
+
+
+def save_ply(tree: SegmentTree | Segmentation, path: str | PathLike[str]) -> None:
     """Write the surface with its weights (per vertex) and labels (per face) as a binary PLY.
 
     The vertex properties are weight_0, weight_1, ...; the face property is label.
 
     Parameters
     ----------
-    tree : SegmentTree
+    tree : SegmentTree or Segmentation
         What to write.
     path : str or PathLike
         The file; written whole or not at all.
     """
-    import trimesh
-
-    mesh = trimesh.Trimesh(tree.surface.vertices, tree.surface.faces, process=False)
-    for leaf, weight in enumerate(tree.weights):
-        mesh.vertex_attributes[f"weight_{leaf}"] = weight
-    mesh.face_attributes["label"] = tree.labels.astype(np.int32)
-    write_bytes(path, mesh.export(file_type="ply"))
+    weights = {f"weight_{leaf}": weight for leaf, weight in enumerate(tree.weights)}
+    surface = tree.surface
+    write_bytes(path, ply(surface.vertices, surface.faces, weights, tree.labels))
 
 
 def save_mesh(surface: Surface, path: str | PathLike[str]) -> None:
@@ -125,29 +159,34 @@ def save_mesh(surface: Surface, path: str | PathLike[str]) -> None:
     surface : Surface
         What to write.
     path : str or PathLike
-        OBJ, PLY, GLB, OFF or STL, by its suffix; written whole or not at all. OBJ and OFF hold
-        nine digits of the coordinates, the others single precision.
+        OBJ, PLY, GLB, OFF or STL, by its suffix; written whole or not at all. PLY holds double
+        precision, OBJ and OFF nine digits of the extent or as many as tell all vertices apart, GLB
+        single precision of the extent, STL single precision.
 
     Raises
     ------
     ValueError
-        For another suffix.
+        For another suffix, and where single precision would ruin the surface: vertices become one,
+        or move by more than a millionth of the extent.
     """
-    suffix = Path(path).suffix.lower()
+    path = Path(path)
+    suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(f"path: {path} must end in {' or '.join(MESH_SUFFIXES)}")
-    import trimesh
-
-    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    vertices, faces = surface.vertices, surface.faces
     data: Any
-    if suffix in (".obj", ".off"):
-        data = mesh.export(file_type=suffix[1:], digits=decimals(surface))
+    if suffix == ".ply":
+        data = ply(vertices, faces, {}, None)
+    elif suffix == ".glb":
+        if ruin := ruin_of_single_precision(vertices - translation(vertices)):
+            raise ValueError(f"path: {path} must be a .ply or .obj file: in a GLB file {ruin}")
+        data = glb(path.stem, vertices, faces, surface.vertex_normals)
     else:
-        data = mesh.export(file_type=suffix[1:])
+        import trimesh
+
+        if suffix == ".stl" and (ruin := ruin_of_single_precision(vertices)):
+            raise ValueError(f"path: {path} must be a .ply or .obj file: in an STL file {ruin}")
+        options: dict[str, Any] = {} if suffix == ".stl" else {"digits": digits_for(vertices)}
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        data = mesh.export(file_type=suffix[1:], **options)
     write_bytes(path, data.encode() if isinstance(data, str) else data)
-
-
-def decimals(surface: Surface) -> int:
-    """Decimals that keep nine digits of the coordinates of a surface of any size."""
-    extent = float(np.ptp(surface.vertices, axis=0).max())
-    return max(8, 9 - int(np.floor(np.log10(extent))))

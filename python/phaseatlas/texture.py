@@ -16,14 +16,17 @@ from .arrays import Bytes, Floats, Ints
 if TYPE_CHECKING:
     from .atlas import Atlas
 
-#: An image (H, W, c) of bytes or of floats in [0, 1], its first row at v = 1, or a function from
-#: UVs (k, 2) to values (k, c).
+#: An image (H, W, c) of bytes, of 16 bits or of floats in [0, 1], its first row at v = 1, or a
+#: function from UVs (k, 2) to values (k, c).
 Texture = NDArray[Any] | Callable[[Floats], Floats]
 
 # Memory that an image takes, in bytes a texel, while it is baked and written: the image and the
 # reach of its gutters, Pillow's copy (four bytes), the compressed data (three at most) and the file
 # around it. Measured, 8192 texels a side and their GLB file take 12.
 _BYTES_PER_TEXEL = _core.BYTES_PER_TEXEL + 9
+# Largest values of images of integers.
+_MOST_16_BIT = 2**16 - 1
+_MOST_32_BIT = 2**31 - 1
 # And besides: a tile in work with the places and values of a function there.
 _WORKING_BYTES = 128 * 2**20
 
@@ -83,9 +86,19 @@ def load_image(path: str | PathLike[str]) -> Bytes:
     ------
     OSError
         If the file does not exist or is not an image.
+    ValueError
+        If an image of floats has values outside [0, 1].
     """
     with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"), dtype=np.uint8)
+        if image.mode[0] not in "IF":
+            return np.asarray(image.convert("RGB"), dtype=np.uint8)
+        # Pillow cuts values of 16 bits and floats off at 255 instead of scaling them.
+        grey = np.asarray(image, dtype=np.float64)
+    if image.mode != "F":
+        grey = grey / (_MOST_16_BIT if grey.max() <= _MOST_16_BIT else _MOST_32_BIT)
+    if not ((grey >= 0) & (grey <= 1)).all():
+        raise ValueError(f"{path}: floats must be in [0, 1]")
+    return np.repeat(np.rint(255 * grey).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def sample(texture: Texture, uv: Floats) -> Floats:
@@ -309,8 +322,12 @@ def _image(texture: NDArray[Any]) -> Bytes | Floats:
         raise ValueError(f"texture must have shape (H, W, c), got {texture.shape}")
     if texture.dtype == np.uint8:
         return np.ascontiguousarray(texture)
+    if texture.dtype == np.uint16:
+        return np.ascontiguousarray(texture / float(_MOST_16_BIT))
     if not np.issubdtype(texture.dtype, np.floating):
-        raise ValueError(f"texture: dtype {texture.dtype}, expected uint8 or floats in [0, 1]")
+        raise ValueError(
+            f"texture: dtype {texture.dtype}, expected uint8, uint16 or floats in [0, 1]"
+        )
     if not ((texture >= 0) & (texture <= 1)).all():
         raise ValueError("texture: floats must be in [0, 1]")
     return np.ascontiguousarray(texture, dtype=np.float64)

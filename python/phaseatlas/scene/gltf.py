@@ -8,10 +8,17 @@ import struct
 from pathlib import Path
 from typing import Any
 
-__all__ = ["check_extensions"]
+import numpy as np
+
+from ..arrays import Bytes, Floats, Ints
+
+__all__ = ["check_extensions", "glb", "ruin_of_single_precision", "translation"]
 
 DRACO = "KHR_draco_mesh_compression"
 QUANTIZED = "KHR_mesh_quantization"
+# What vertices may move, relative to the extent, when they are rounded: ten times the rounding of
+# single precision around the origin.
+MOVED = 1e-6
 # What a file may require without changing a position or a face.
 APPEARANCE = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_")
 
@@ -66,3 +73,75 @@ def _header(path: Path) -> dict[str, Any]:
     except (ValueError, struct.error):
         return {}
     return header if isinstance(header, dict) else {}
+
+
+def glb(
+    name: str,
+    vertices: Floats,
+    faces: Ints,
+    normals: Floats,
+    uv: Floats | None = None,
+    image: Bytes | None = None,
+) -> bytes:
+    """Return a binary glTF file of one mesh with one material, white or textured.
+
+    Positions in a file are of single precision. Where they lie far from the origin they are written
+    relative to a translation of the node, so that they keep it to their extent.
+
+    Parameters
+    ----------
+    name : str
+        Of the mesh, its node and its material.
+    vertices : (n, 3) array
+        Positions.
+    faces : (m, 3) array of int
+        Triangles.
+    normals : (n, 3) array
+        Unit normals of the vertices.
+    uv : (n, 2) array, optional
+        Texture coordinates, v up.
+    image : (h, w, 3) array of uint8, optional
+        The base colour, first row on top.
+    """
+    import trimesh
+    from PIL import Image
+
+    material = trimesh.visual.material.PBRMaterial(
+        name=name,
+        # glTF takes a missing metallicFactor for 1: dark metal.
+        baseColorFactor=np.full(4, 255, dtype=np.uint8),
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+        baseColorTexture=None if image is None else Image.fromarray(image),
+    )
+    centre = translation(vertices)
+    mesh = trimesh.Trimesh(
+        vertices=vertices - centre,
+        faces=faces,
+        vertex_normals=normals,
+        visual=trimesh.visual.TextureVisuals(uv=uv, material=material),
+        process=False,
+    )
+    scene = trimesh.Scene()
+    transform = trimesh.transformations.translation_matrix(centre)
+    scene.add_geometry(mesh, node_name=name, geom_name=name, transform=transform)
+    data: bytes = trimesh.exchange.gltf.export_glb(scene, include_normals=True)
+    return data
+
+
+def translation(vertices: Floats) -> Floats:
+    """What positions are relative to: their centre, if they lie further off than they reach."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    far = np.abs(vertices).max() > (high - low).max()
+    centre: Floats = 0.5 * (low + high) if far else np.zeros(3)
+    return centre
+
+
+def ruin_of_single_precision(vertices: Floats) -> str | None:
+    """What rounding to single precision spoils, as a clause; None where it does no harm."""
+    single = vertices.astype(np.float32)
+    merged = len(np.unique(vertices, axis=0)) - len(np.unique(single, axis=0))
+    if merged:
+        return f"{merged} vertices would stand where others do, for want of digits"
+    moved = float(np.abs(single - vertices).max() / np.ptp(vertices, axis=0).max())
+    return f"vertices would move by {moved:.1e} of the extent" if moved > MOVED else None
