@@ -13,7 +13,7 @@ def test_python_examples_run(tmp_path, monkeypatch):
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     mesh.export(tmp_path / "model.obj")
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
     assert len(blocks) == 3
     namespace = {}
     for block in blocks:

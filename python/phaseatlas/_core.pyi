@@ -15,6 +15,7 @@ __all__ = [
     "LimitedMemory",
     "Perimeter",
     "TriangleMesh",
+    "__version__",
     "available_memory",
     "bff",
     "cut_chart",
