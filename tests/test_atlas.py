@@ -461,3 +461,38 @@ def test_a_developable_chart_keeps_its_shape(flatten):
     uv = _core.bff(disk)[0] if flatten == "bff" else _core.lscm(disk)
     measured = edge_scale(uv, cylinder.vertices[vertices], triangles)
     assert np.abs(measured - measured.mean()).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    "name", ["cone_16_sections.obj", "annulus_raw.obj", "cylinder_28_sections_flat.obj"]
+)
+def test_coarse_solids_of_the_collection_get_an_atlas(case_path, name):
+    surface = pa.load(case_path(name))
+    atlas = pa.build_atlas(pa.segment(surface, 3))
+    assert atlas.bake(resolution=64).shape == (64, 64, 3)
+    labelled = np.concatenate([chart.faces[chart.labelled] for chart in atlas.charts])
+    assert np.array_equal(np.sort(labelled), np.arange(surface.n_faces))
+
+
+def test_a_tetrahedron_is_one_chart():
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    surface = pa.Surface(points, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    labels, weights = np.zeros(4, dtype=np.int64), np.ones((1, 4))
+    (chart,) = pa.build_atlas(pa.Segmentation(surface, labels, weights)).charts
+    assert len(chart.uv) > 4
+
+
+def test_faces_whose_weights_fall_below_the_threshold_are_in_their_charts():
+    # Even weights are above no threshold that a domain may have.
+    surface = pa.datasets.icosphere(2)
+    labels = np.arange(surface.n_faces) % 4
+    weights = np.full((4, surface.n_vertices), 0.25)
+    atlas = pa.build_atlas(pa.Segmentation(surface, labels, weights))
+    total = np.zeros(surface.n_vertices)
+    for chart in atlas.charts:
+        copies = np.bincount(chart.vertices, minlength=surface.n_vertices)
+        np.add.at(total, chart.vertices, chart.weights / copies[chart.vertices])
+        corners = chart.weights[chart.triangles[chart.labelled]]
+        assert (corners > 0).any(axis=1).all()
+    np.testing.assert_allclose(total, 1, rtol=1e-12)
+    assert np.isfinite(atlas.vertex_colors()).all()

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,9 @@ from .metrics import atlas_metrics
 from .packing import check_packing, face_areas, pack
 from .scene.gltf import glb, ruin_of_single_precision, translation
 from .scene.obj import obj
-from .segmentation import SegmentTree
+from .segmentation import Segmentation, SegmentTree
 from .surface import Surface
 from .texture import Texture, bake, blend_vertices, checker
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Atlas", "Chart", "build_atlas"]
 
@@ -180,7 +177,7 @@ class Atlas:
 
 
 def build_atlas(
-    tree: SegmentTree,
+    tree: SegmentTree | Segmentation,
     *,
     flatten: Flatten = "bff",
     threshold: float | None = None,
@@ -194,7 +191,8 @@ def build_atlas(
 
     Parameters
     ----------
-    tree : SegmentTree
+    tree : SegmentTree or Segmentation
+        What to cut along: the leaves of a tree, or any labels with weights.
     flatten : {"bff", "lscm"}
         The map: boundary-first with scale 1 on the border of the domain (Sawhney and Crane
         2017), which distorts area least among the conformal maps (Springborn, Schroeder and
@@ -264,7 +262,7 @@ class _Map:
 
 
 def _widest(
-    tree: SegmentTree,
+    tree: SegmentTree | Segmentation,
     leaf: int,
     thresholds: tuple[float, ...],
     flatten: Callable[[_core.TriangleMesh], Floats],
@@ -290,7 +288,7 @@ def _spread(surface: Surface, chart: _Map) -> float:
 
 
 def _maps(
-    tree: SegmentTree,
+    tree: SegmentTree | Segmentation,
     leaf: int,
     threshold: float,
     flatten: Callable[[_core.TriangleMesh], Floats],
@@ -328,26 +326,25 @@ def _maps(
     return maps
 
 
-def _blending_weights(tree: SegmentTree, maps: list[_Map]) -> Floats:
+def _blending_weights(tree: SegmentTree | Segmentation, maps: list[_Map]) -> Floats:
     """Weights of the charts, (charts, n): those of the leaf on the domain, 0 elsewhere, sum 1.
 
-    Where no weight is above its threshold a vertex goes to a chart whose labelled face it is on.
+    A vertex where no weight is above its threshold belongs in equal parts to all charts that label
+    a face there: every face is then in a chart of positive weight.
     """
     weights = np.zeros((len(maps), tree.surface.n_vertices))
-    owner = np.zeros(tree.surface.n_vertices, dtype=np.int64)
+    labelled = np.zeros(weights.shape, dtype=bool)
     for k, chart in enumerate(maps):
         members = np.unique(tree.surface.faces[chart.faces])
         weights[k, members] = chart.raised[members]
-        owner[tree.surface.faces[chart.faces[chart.labelled]]] = k
-    total = weights.sum(axis=0)
-    bare = np.flatnonzero(total == 0)
-    weights[owner[bare], bare] = 1.0
-    total[bare] = 1.0
-    weights /= total
+        labelled[k, tree.surface.faces[chart.faces[chart.labelled]]] = True
+    bare = weights.sum(axis=0) == 0
+    weights[:, bare] = labelled[:, bare]
+    weights /= weights.sum(axis=0)
     return weights
 
 
-def _chart(tree: SegmentTree, chart: _Map, weight: Floats) -> Chart:
+def _chart(tree: SegmentTree | Segmentation, chart: _Map, weight: Floats) -> Chart:
     surface_area = tree.surface.face_areas[chart.faces][chart.labelled].sum()
     scale = np.sqrt(surface_area / chart.flat_areas[chart.labelled].sum())
     flat_mass = np.bincount(chart.triangles.reshape(-1), weights=np.repeat(chart.flat_areas, 3))

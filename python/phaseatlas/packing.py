@@ -13,6 +13,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from .quality import warn
+
 if TYPE_CHECKING:
     from .atlas import Chart
 
@@ -24,10 +26,17 @@ _SEARCH_RESOLUTION = 512
 # Faces below these sizes, in texels of the search, are degenerate to xatlas in single precision.
 _SHORTEST_EDGE = 1e-3
 _SMALLEST_FACE = 1e-5
-# Packings to choose from.
+# Shortest side of a rectangle that stands for a piece: its halves are above both sizes.
+_SHORTEST_SIDE = 1e-2
+# Packings to choose from; fewer of many pieces, where none is much better than another.
 _TRIALS = 12
+_TRIED_PIECES = 1200
 # Share of the square that charts of ordinary shape fill; only sets how fine the search is.
 _EXPECTED_FILL = 0.7
+# Largest share of the side that the padding of the pieces may take, were they in a square grid.
+_MOST_PADDING = 0.5
+# The padding settles within three rounds; where it does not, the distance reached is said.
+_ROUNDS = 8
 
 
 @dataclass(frozen=True)
@@ -71,22 +80,38 @@ def pack(
         If a face is labelled by no chart or by several, a UV is not finite, a piece has no area in
         the plane, or an option is out of range.
     RuntimeError
-        If xatlas drops or splits a piece.
+        If xatlas drops or splits the rectangle of a piece.
+
+    Warns
+    -----
+    QualityWarning
+        If so many pieces cannot be kept `padding` apart; they are as far apart as can be.
     """
     check_packing(padding, resolution)
     _check_cover(charts, n_faces)
     islands = [island for index, chart in enumerate(charts) for island in _islands(index, chart)]
     size = min(resolution, _SEARCH_RESOLUTION)
     area = sum(float(face_areas(island.corners).sum()) for island in islands)
-    unit = size * np.sqrt(_EXPECTED_FILL / area)
+    longest = max(float(island.corners.max()) for island in islands)
+    unit = size * min(np.sqrt(_EXPECTED_FILL / area), 1.0 / longest)
 
+    room = int(_MOST_PADDING * resolution / np.sqrt(len(islands)))
+    wanted = min(padding, room)
     # The padding in texels of the search depends on the side of the square, known only afterwards.
-    reach = int(np.ceil(0.5 * (padding * size / resolution + 1.0)))
-    offsets, turned, side = _best_placement(islands, unit, reach)
-    while 2 * reach - 1 < padding * side / (resolution - padding):
-        reach += 1
+    needed = wanted * size / resolution
+    for _ in range(_ROUNDS):
+        reach = int(np.ceil(0.5 * (needed + 1.0)))
         offsets, turned, side = _best_placement(islands, unit, reach)
-    gap = padding * side / (resolution - padding)
+        needed = wanted * side / (resolution - wanted)
+        if 2 * reach - 1 >= needed:
+            break
+    gap = min(needed, 2.0 * reach - 1.0)
+    kept = round(gap * resolution / (side + gap))
+    if kept < padding:
+        warn(
+            f"padding: {padding} texels at resolution {resolution} leave no room for "
+            f"{len(islands)} pieces, which are {kept} apart; a larger resolution helps"
+        )
     uv = np.empty((n_faces, 3, 2))
     for island, corners, offset in zip(islands, turned, offsets, strict=True):
         uv[island.faces] = (corners * unit + offset + 0.5 * gap) / (side + gap)
@@ -196,7 +221,8 @@ def _best_placement(
 
 def _turn_choices(count: int) -> list[list[int]]:
     """Quarter turns of every piece: all lying, all standing, then draws from a fixed stream."""
-    draws = np.random.default_rng(0).integers(0, 4, (_TRIALS - 2, count))
+    trials = min(_TRIALS, 2 + _TRIED_PIECES // count)
+    draws = np.random.default_rng(0).integers(0, 4, (trials - 2, count))
     return [[0] * count, [1] * count, *draws.tolist()]
 
 
@@ -205,10 +231,26 @@ def _place(pieces: Sequence[Floats], reach: int) -> tuple[list[Floats], float]:
 
     Every piece keeps ``reach`` texels around it to itself. Pieces end up at least 2 reach - 1
     apart: xatlas stretches them to whole texels, and undoing that moves each point by up to one.
+    A piece that xatlas drops or splits is placed as its rectangle.
     """
     solid = [_solid(piece, reach) for piece in pieces]
-    sizes = [len(piece) for piece in solid]
-    corners = np.concatenate(solid).reshape(-1, 2)
+    low, torn, side = _place_solid(solid, reach)
+    if torn.any():
+        solid = [
+            _rectangle(piece) if bad else part
+            for piece, part, bad in zip(pieces, solid, torn, strict=True)
+        ]
+        low, torn, side = _place_solid(solid, reach)
+    if torn.any():
+        raise RuntimeError(f"xatlas dropped or split piece {np.argmax(torn)} of {len(pieces)}")
+    offsets = [at - piece.min(axis=(0, 1)) for at, piece in zip(low, solid, strict=True)]
+    return offsets, side
+
+
+def _place_solid(pieces: Sequence[Floats], reach: int) -> tuple[Floats, NDArray[np.bool_], float]:
+    """Low corners as xatlas places them, which pieces it dropped or split, side of the square."""
+    sizes = [len(piece) for piece in pieces]
+    corners = np.concatenate(pieces).reshape(-1, 2)
     owner = np.repeat(np.arange(len(pieces)), sizes)
     # xatlas takes two meshes whose buffers have the same address for copies of each other, which
     # freed temporaries of one call per chart can have: one mesh, told apart by material, is safe.
@@ -224,6 +266,8 @@ def _place(pieces: Sequence[Floats], reach: int) -> tuple[list[Floats], float]:
     options.rotate_charts = False
     options.rotate_charts_to_axis = False
     atlas.generate(pack_options=options)
+    if atlas.atlas_count != 1:
+        raise RuntimeError(f"xatlas spread the charts over {atlas.atlas_count} textures, not 1")
 
     source, _, placed = atlas[0]
     texels = placed.astype(np.float64) * [atlas.width, atlas.height]
@@ -232,9 +276,10 @@ def _place(pieces: Sequence[Floats], reach: int) -> tuple[list[Floats], float]:
     high = np.full((len(pieces), 2), -np.inf)
     np.minimum.at(low, piece, texels)
     np.maximum.at(high, piece, texels)
-    _check_placed(solid, low, high, atlas.atlas_count)
-    offsets = [at - piece.min(axis=(0, 1)) for at, piece in zip(low, solid, strict=True)]
-    return offsets, float(max(atlas.width, atlas.height))
+    extents = np.array([np.ptp(piece, axis=(0, 1)) for piece in pieces])
+    # It rounds sides up to whole texels; a piece that spans more has been torn apart.
+    sound = np.isfinite(low) & (high - low <= extents + 1.5)
+    return low, ~sound.all(axis=1), float(max(atlas.width, atlas.height))
 
 
 def _solid(piece: Floats, reach: int) -> Floats:
@@ -242,37 +287,30 @@ def _solid(piece: Floats, reach: int) -> Floats:
 
     A conformal map shrinks the tip of a limb to less than single precision resolves; xatlas
     ignores such faces, and what is joined by them alone would be placed apart. They lie inside
-    the rest, whose outline is what counts.
+    the rest, whose outline is what counts. Where they do not, the rectangle of the piece counts.
     """
     edges = np.linalg.norm(piece - np.roll(piece, 1, axis=1), axis=2)
     areas = face_areas(piece)
     sound = (edges.min(axis=1) > _SHORTEST_EDGE) & (areas > _SMALLEST_FACE)
     if sound.all():
         return piece
+    if not sound.any():
+        return _rectangle(piece)
     kept = np.flatnonzero(sound)
     _, vertices = np.unique(piece.reshape(-1, 2), axis=0, return_inverse=True)
     count, part = _edge_components(vertices.reshape(-1, 3)[kept])
-    if count == 0:
-        raise RuntimeError("a piece is too small to be placed; a finer resolution may help")
     weight = np.bincount(part, weights=areas[kept], minlength=count)
     solid: Floats = piece[kept[part == np.argmax(weight)]]
     beyond = np.maximum(
         solid.min(axis=(0, 1)) - piece.min(axis=(0, 1)),
         piece.max(axis=(0, 1)) - solid.max(axis=(0, 1)),
     )
-    if (beyond > 0.5 * reach).any():
-        raise RuntimeError("a piece hangs together by faces of no area in the plane")
-    return solid
+    return _rectangle(piece) if (beyond > 0.5 * reach).any() else solid
 
 
-def _check_placed(pieces: Sequence[Floats], low: Floats, high: Floats, atlas_count: int) -> None:
-    if atlas_count != 1:
-        raise RuntimeError(f"xatlas spread the charts over {atlas_count} textures, expected 1")
-    if not np.isfinite(low).all():
-        piece = int(np.flatnonzero(~np.isfinite(low).all(axis=1))[0])
-        raise RuntimeError(f"xatlas dropped piece {piece} of {len(pieces)}")
-    extents = np.array([np.ptp(piece, axis=(0, 1)) for piece in pieces])
-    # It rounds sides up to whole texels; a piece that spans more has been torn apart.
-    torn = (high - low > extents + 1.5).any(axis=1)
-    if torn.any():
-        raise RuntimeError(f"xatlas split piece {int(np.flatnonzero(torn)[0])} of {len(pieces)}")
+def _rectangle(piece: Floats) -> Floats:
+    """The bounding rectangle of a piece as two triangles of a size that xatlas sees."""
+    x, y = np.maximum(np.ptp(piece, axis=(0, 1)), _SHORTEST_SIDE)
+    halves = np.array([[(0.0, 0.0), (x, 0.0), (x, y)], [(0.0, 0.0), (x, y), (0.0, y)]])
+    rectangle: Floats = halves + piece.min(axis=(0, 1))
+    return rectangle

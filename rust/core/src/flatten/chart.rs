@@ -207,6 +207,35 @@ mod tests {
     }
 
     #[test]
+    fn closed_surfaces_whose_vertices_are_all_neighbours_become_disks() {
+        // Two fans over a polygon: from any vertex the farthest one is one or two edges away.
+        for (sides, height) in [(3, 0.1), (3, 10.0), (4, 1.0), (9, 0.1), (9, 10.0)] {
+            let angle = |i: usize| std::f64::consts::TAU * i as f64 / sides as f64;
+            let mut vertices: Vec<[f64; 3]> = (0..sides)
+                .map(|i| [angle(i).cos(), angle(i).sin(), 0.0])
+                .collect();
+            vertices.extend([[0.0, 0.0, height], [0.0, 0.0, -height]]);
+            let faces: Vec<[i64; 3]> = (0..sides)
+                .flat_map(|i| {
+                    let [a, b] = [i, (i + 1) % sides].map(|v| v as i64);
+                    [[a, b, sides as i64], [b, a, sides as i64 + 1]]
+                })
+                .collect();
+            let mesh = TriangleMesh::new(vertices, &faces).unwrap();
+            let all: Vec<i64> = (0..mesh.n_faces() as i64).collect();
+            let chart = ChartMesh::new(&mesh, &all).unwrap();
+            assert_eq!(chart.mesh.euler_characteristic(), 1);
+        }
+        let points = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let mesh = TriangleMesh::new(points, &faces).unwrap();
+        let chart = ChartMesh::new(&mesh, &[0, 1, 2, 3]).unwrap();
+        assert_eq!(chart.mesh.euler_characteristic(), 1);
+        assert_eq!(chart.vertices.len(), 5);
+        assert!(chart.cut_length >= 2.0);
+    }
+
+    #[test]
     fn corner_contact_is_split() {
         let mesh = grid(2, 2, |_, _| 0.0);
         // Two triangles that share the centre alone are not one chart.

@@ -58,6 +58,13 @@ struct Tree {
     parent_edge: Vec<u32>,
 }
 
+impl Tree {
+    /// The last edge of the path to a vertex; none at the root.
+    fn edge_to(&self, v: usize) -> Option<usize> {
+        (self.parent_edge[v] != NONE).then_some(self.parent_edge[v] as usize)
+    }
+}
+
 fn shortest_path_tree(
     mesh: &TriangleMesh,
     length: &impl Fn(usize) -> f64,
@@ -140,17 +147,29 @@ fn prune(mesh: &TriangleMesh, cut: &mut [bool]) {
 }
 
 /// A sphere has no loop to cut: it is slit along the path to the farthest vertex.
+///
+/// A slit of one edge would open nothing, as both of its ends stay whole: it goes on to the
+/// farthest other neighbour. Three or more edges meet at every vertex of a closed surface.
 fn slit(mesh: &TriangleMesh, tree: &Tree, cut: &mut [bool]) {
-    let mut v = 0;
-    for w in 0..tree.distance.len() {
-        if tree.distance[w] > tree.distance[v] {
-            v = w;
+    let pattern = mesh.pattern();
+    let other_end = |e: usize, v: usize| {
+        let [a, b] = mesh.edges()[e].map(|w| w as usize);
+        if a == v { b } else { a }
+    };
+    let distance = &tree.distance;
+    let mut v = (1..distance.len()).fold(0, |v, w| if distance[w] > distance[v] { w } else { v });
+    let root = tree.edge_to(v).map(|e| other_end(e, v));
+    if root.is_some_and(|root| tree.edge_to(root).is_none()) {
+        let beyond = (pattern.row_starts()[v]..pattern.row_starts()[v + 1])
+            .map(|entry| pattern.edge_of_entry()[entry] as usize)
+            .filter(|&e| Some(other_end(e, v)) != root)
+            .max_by(|&e, &f| distance[other_end(e, v)].total_cmp(&distance[other_end(f, v)]));
+        if let Some(e) = beyond {
+            cut[e] = true;
         }
     }
-    while tree.parent_edge[v] != NONE {
-        let e = tree.parent_edge[v] as usize;
+    while let Some(e) = tree.edge_to(v) {
         cut[e] = true;
-        let [a, b] = mesh.edges()[e];
-        v = if a as usize == v { b } else { a } as usize;
+        v = other_end(e, v);
     }
 }
