@@ -25,8 +25,9 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
 import phaseatlas as pa
-from phaseatlas import datasets, plot, texture
-from phaseatlas.metrics import uv_topology
+from phaseatlas import datasets, plot
+from phaseatlas.atlas import bake as texture
+from phaseatlas.atlas.metrics import uv_topology
 
 arguments = parser(__file__, __doc__)
 arguments.add_argument("--model", type=Path, help="a mesh; a starfish by default")

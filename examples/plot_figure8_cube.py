@@ -16,7 +16,8 @@ import numpy as np
 from gallery import parser, planar, save, table
 
 import phaseatlas as pa
-from phaseatlas import datasets, plot, texture
+from phaseatlas import datasets, plot
+from phaseatlas.atlas import bake as texture
 
 arguments = parser(__file__, __doc__).parse_args()
 size = 140 if arguments.quick else 300

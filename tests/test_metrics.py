@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from phaseatlas import datasets
-from phaseatlas.metrics import atlas_metrics, uv_topology, yamabe_factors
+from phaseatlas.atlas.metrics import atlas_metrics, uv_topology, yamabe_factors
 from phaseatlas.surface import Surface
 
 SMALL = {"resolution": 256}

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 
 from phaseatlas import _core, datasets
 from phaseatlas.atlas import Chart
-from phaseatlas.packing import pack
+from phaseatlas.atlas.packing import pack
 
 
 def charts_of(surface, labels):

@@ -15,7 +15,7 @@ from PIL import Image
 import reference
 from phaseatlas import _core, datasets
 from phaseatlas.atlas import Atlas, Chart
-from phaseatlas.texture import (
+from phaseatlas.atlas.bake import (
     bake,
     blend_vertices,
     check_resolution,
@@ -327,7 +327,7 @@ import hashlib
 import numpy as np
 from phaseatlas import datasets
 from phaseatlas.atlas import Atlas, Chart
-from phaseatlas.texture import bake, checker
+from phaseatlas.atlas.bake import bake, checker
 
 surface = datasets.sheet(40, 40)
 n, m = surface.n_vertices, surface.n_faces

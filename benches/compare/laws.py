@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import phaseatlas as pa
-from phaseatlas.metrics import uv_topology, yamabe_factors
+from phaseatlas.atlas.metrics import uv_topology, yamabe_factors
 
 LAWS: tuple[Literal["sharp"], Literal["paper"]] = ("sharp", "paper")
 

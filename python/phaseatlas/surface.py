@@ -210,6 +210,28 @@ class Surface:
             raise ValueError(f"labels: shape {array.shape}, expected ({self.n_faces},)")
         return _core.label_components(self._mesh, array)
 
+    def cut_to_disk(self, faces: Ints) -> _core.CutChart:
+        """Cut connected faces open to a disk along shortest paths.
+
+        Parameters
+        ----------
+        faces : (k,) array of int
+            Faces that are connected across edges.
+
+        Returns
+        -------
+        CutChart
+            `mesh`, the disk; `triangles` (k, 3), the faces in its vertices; `vertices` (p,), the
+            vertex of this surface of each of them; `length` of the cut; and the
+            `euler_characteristic` before it.
+
+        Raises
+        ------
+        ValueError
+            For faces that are not connected.
+        """
+        return _core.cut_chart(self._mesh, np.ascontiguousarray(faces, dtype=np.int64))
+
     def face_mean(self, values: Floats) -> Floats:
         """Mean over the corners of each face of a vertex quantity, (n, ...) to (m, ...)."""
         a, b, c = self.faces.T

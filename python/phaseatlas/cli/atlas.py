@@ -61,7 +61,7 @@ def atlas(
 
 
 def _read_image(path: Path) -> Bytes:
-    from ..texture import load_image
+    from ..atlas.bake import load_image
 
     try:
         return load_image(path)

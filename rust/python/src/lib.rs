@@ -50,6 +50,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<functionals::Distortion>()?;
     module.add_class::<lbfgs::LimitedMemory>()?;
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
+    module.add_class::<flatten::CutChart>()?;
+    module.add_class::<flatten::ScaledMap>()?;
     module.add_function(wrap_pyfunction!(flatten::cut_chart, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::bff, module)?)?;

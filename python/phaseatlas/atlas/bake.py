@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from . import _core
-from .arrays import Bytes, Floats, Ints
-
-if TYPE_CHECKING:
-    from .atlas import Atlas
+from .. import _core
+from ..arrays import Bytes, Floats, Ints
+from .charts import Layout
 
 #: An image (H, W, c) of bytes, of 16 bits or of floats in [0, 1], its first row at v = 1, or a
 #: function from UVs (k, 2) to values (k, c).
@@ -132,7 +130,7 @@ def sample(texture: Texture, uv: Floats) -> Floats:
     return _core.sample(_image(texture), np.ascontiguousarray(uv))
 
 
-def blend_vertices(atlas: Atlas, texture: Texture, *, scale: float = 4.0) -> Floats:
+def blend_vertices(atlas: Layout, texture: Texture, *, scale: float = 4.0) -> Floats:
     """Blend a texture over all charts at every vertex.
 
     The sum over the charts of weight times f(phi), phi the chart's map to the plane (the atlas
@@ -178,7 +176,7 @@ def blend_vertices(atlas: Atlas, texture: Texture, *, scale: float = 4.0) -> Flo
 
 
 def bake(
-    atlas: Atlas,
+    atlas: Layout,
     texture: Texture,
     *,
     resolution: int = 1024,
@@ -285,7 +283,7 @@ def _can_allocate(size: int) -> bool:
     return True
 
 
-def _concatenated(atlas: Atlas, blend: bool) -> tuple[Ints, Ints, Floats, Floats | None]:
+def _concatenated(atlas: Layout, blend: bool) -> tuple[Ints, Ints, Floats, Floats | None]:
     """Faces, corners, places and weights of all charts; with `blend` or the labelled faces alone.
 
     The corners count through the vertices of all charts.
@@ -310,7 +308,7 @@ def _check_channels(count: int) -> None:
         raise ValueError(f"texture must have 1 or 3 channels, got {count}")
 
 
-def _tiles_per_unit(atlas: Atlas, scale: float) -> float:
+def _tiles_per_unit(atlas: Layout, scale: float) -> float:
     if not (np.isfinite(scale) and scale > 0.0):
         raise ValueError(f"scale must be positive, got {scale}")
     return float(scale / np.sqrt(atlas.surface.area))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xatlas
@@ -13,13 +12,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from .quality import warn
-
-if TYPE_CHECKING:
-    from .atlas import Chart
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from ..arrays import Floats, Ints
+from ..points import flat_areas
+from ..quality import warn
+from .charts import Chart
 
 # The packer searches positions texel by texel, at a cost that grows like the fourth power of this.
 _SEARCH_RESOLUTION = 512
@@ -91,7 +87,7 @@ def pack(
     _check_cover(charts, n_faces)
     islands = [island for index, chart in enumerate(charts) for island in _islands(index, chart)]
     size = min(resolution, _SEARCH_RESOLUTION)
-    area = sum(float(face_areas(island.corners).sum()) for island in islands)
+    area = sum(float(flat_areas(island.corners).sum()) for island in islands)
     longest = max(float(island.corners.max()) for island in islands)
     unit = size * min(np.sqrt(_EXPECTED_FILL / area), 1.0 / longest)
 
@@ -150,7 +146,7 @@ def _islands(index: int, chart: Chart) -> list[_Island]:
     islands = []
     for k in range(count):
         member = piece == k
-        areas = face_areas(corners[member])
+        areas = flat_areas(corners[member])
         if not areas.sum() > 0.0:
             face = int(faces[member][0])
             raise ValueError(f"charts[{index}].uv has a piece without area, at face {face}")
@@ -166,14 +162,6 @@ def _edge_components(triangles: Ints) -> tuple[int, NDArray[np.int32]]:
     incidence = coo_array((np.ones(len(edge)), (owner, edge.ravel()))).tocsr()
     count, part = connected_components(incidence @ incidence.T, directed=False)
     return int(count), part
-
-
-def face_areas(corners: Floats) -> Floats:
-    """Areas in the plane, (k,), of triangles with corners (k, 3, 2), whatever their orientation."""
-    a = corners[:, 1] - corners[:, 0]
-    b = corners[:, 2] - corners[:, 0]
-    areas: Floats = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    return areas
 
 
 def _upright(corners: Floats) -> Floats:
@@ -290,7 +278,7 @@ def _solid(piece: Floats, reach: int) -> Floats:
     the rest, whose outline is what counts. Where they do not, the rectangle of the piece counts.
     """
     edges = np.linalg.norm(piece - np.roll(piece, 1, axis=1), axis=2)
-    areas = face_areas(piece)
+    areas = flat_areas(piece)
     sound = (edges.min(axis=1) > _SHORTEST_EDGE) & (areas > _SMALLEST_FACE)
     if sound.all():
         return piece

@@ -1,0 +1,246 @@
+"""The atlas of a segmentation, section 4: domains, flattened, packed, baked, rated, written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from .. import quality
+from ..arrays import Bytes, Floats
+from ..files import write_bytes, write_files
+from ..scene.gltf import glb, ruin_of_single_precision, translation
+from ..scene.obj import obj
+from ..segmentation import Segmentation, SegmentTree
+from .bake import Texture, bake, blend_vertices, checker
+from .charts import Chart, Layout
+from .domains import blending_weights, domains
+from .flatten import FLATTENINGS, Flattening, Map, chart, flatten, spread
+from .metrics import Flaws, atlas_metrics, flaws
+from .packing import check_packing, pack
+
+__all__ = ["Atlas", "build_atlas"]
+
+# Thresholds of narrower domains; the last leaves about the labelled faces.
+_NARROWER = (0.1, 0.25, 0.5)
+# Squared deviation of the log scale, over the surface, that a wider domain may cost its leaf.
+_FREE_SPREAD = 1e-3
+_WIDENING = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class Atlas(Layout):
+    """Overlapping charts of a surface and their sharp parts packed into the unit square.
+
+    Attributes
+    ----------
+    surface : Surface
+        With n vertices and m faces.
+    labels : (m,) array of int
+        Segment of each face.
+    charts : tuple of Chart
+        The charts; every face is labelled in one.
+    uv : (m, 3, 2) array
+        Packed texture coordinates of the corners of each face, v up, in [0, 1].
+    """
+
+    @cached_property
+    def diagnostics(self) -> Flaws:
+        """What makes the layout worse than asked for; see `metrics.Flaws`."""
+        return flaws(self.surface, self.uv)
+
+    def packed(self, *, padding: int = 4, resolution: int = 1024) -> Atlas:
+        """Return the same charts in another packing; nothing is flattened again.
+
+        Parameters
+        ----------
+        padding, resolution
+            As in `build_atlas`.
+
+        Raises
+        ------
+        ValueError
+            For a padding or resolution that cannot be used.
+        """
+        uv = pack(self.charts, self.surface.n_faces, padding=padding, resolution=resolution)
+        return replace(self, uv=uv)
+
+    def metrics(self) -> dict[str, float]:
+        """Charts, seam, distortion, flips, overlap and packing; see `metrics.atlas_metrics`."""
+        return atlas_metrics(self.surface, self.uv)
+
+    def bake(
+        self, texture: Texture | None = None, *, resolution: int = 1024, blend: bool = True
+    ) -> Bytes:
+        """Bake a texture, repeated over the charts' planes, into the packed layout.
+
+        Parameters
+        ----------
+        texture : (h, w, c) array or callable, optional
+            What covers the plane; a checker by default.
+        resolution : int, default 1024
+            Side of the baked image in texels.
+        blend : bool, default True
+            Blend the overlapping charts by their weights, or take the labelled chart alone.
+
+        Returns
+        -------
+        (resolution, resolution, 3) array of uint8, first row on top
+        """
+        return bake(
+            self, checker() if texture is None else texture, resolution=resolution, blend=blend
+        )
+
+    def vertex_colors(self, texture: Texture | None = None) -> Floats:
+        """Blend of f o phi over the charts at the vertices, (n, 3) in [0, 1]."""
+        return blend_vertices(self, checker() if texture is None else texture)
+
+    def save(
+        self,
+        path: str | PathLike[str],
+        *,
+        texture: Texture | None = None,
+        resolution: int = 1024,
+        image: Bytes | None = None,
+    ) -> None:
+        """Write the surface with its texture coordinates and a baked texture.
+
+        Parameters
+        ----------
+        path : str or PathLike
+            A `.glb` file, or an `.obj` file beside which a `.mtl` and a `.png` are written.
+            Files are written whole or not at all.
+        texture, resolution
+            As in `bake`.
+        image : (r, r, 3) array of uint8, optional
+            What `bake` returned, to write it instead of baking again.
+
+        Raises
+        ------
+        ValueError
+            For another suffix.
+        """
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in (".glb", ".obj"):
+            raise ValueError(f"path: suffix {path.suffix!r} of {path} must be .glb or .obj")
+        if image is None:
+            image = self.bake(texture, resolution=resolution)
+        # A vertex on a seam stands once a side, with the normal of the whole surface.
+        corners = np.column_stack(
+            [self.surface.faces.reshape(-1).astype(np.float64), self.uv.reshape(-1, 2)]
+        )
+        unique, inverse = np.unique(corners, axis=0, return_inverse=True)
+        origin, uv = unique[:, 0].astype(np.int64), unique[:, 1:]
+        faces = inverse.reshape(-1, 3)
+        vertices, normals = self.surface.vertices[origin], self.surface.vertex_normals[origin]
+        if suffix == ".glb":
+            welded = self.surface.vertices
+            if ruin := ruin_of_single_precision(welded - translation(welded)):
+                quality.warn(f"{path}: {ruin}; an .obj file holds them")
+            write_bytes(path, glb(path.stem, vertices, faces, normals, uv, image))
+        else:
+            write_files(obj(path, vertices, faces, normals, uv, image))
+
+
+def build_atlas(
+    tree: SegmentTree | Segmentation,
+    *,
+    flatten: Flattening = "bff",
+    threshold: float | None = None,
+    padding: int = 4,
+    resolution: int = 1024,
+) -> Atlas:
+    """Flatten the overlapping domains of the leaves and pack their sharp parts.
+
+    The domain of a leaf is where its weight exceeds `threshold`, together with its labelled faces
+    and those across their boundary; a domain that is no disk is cut open along shortest paths.
+
+    Parameters
+    ----------
+    tree : SegmentTree or Segmentation
+        What to cut along: the leaves of a tree, or any labels with weights.
+    flatten : {"bff", "lscm"}
+        The map: boundary-first with scale 1 on the boundary of the domain (Sawhney and Crane
+        2017), which distorts area least among the conformal maps (Springborn, Schroeder and
+        Pinkall 2008), or least-squares conformal in its spectral form (Mullen et al. 2008).
+    threshold : float, optional
+        The charts blend by max(chi^alpha - threshold, 0), scaled to sum 1. By default each leaf
+        has its own: the least of 0.02 (half of 1 / leaves where that is less), 0.1, 0.25 and 0.5
+        that costs the map of the labelled faces little area distortion. A limb as thin as the
+        interface would lie in the domains of both sides whole, with its tip. With 0, the paper's
+        choice, the domains are larger and often rings: a field fades to 0 where its parent does,
+        so that siblings share a faint seam all around their parent.
+    padding : int, default 4
+        Least distance of the packed charts, in texels.
+    resolution : int, default 1024
+        Side in texels of the texture that the padding refers to.
+
+    Returns
+    -------
+    Atlas
+
+    Raises
+    ------
+    ValueError
+        For an unknown `flatten`, or a `threshold` outside [0, 1 / number of segments).
+
+    Warns
+    -----
+    QualityWarning
+        Where faces are turned over in the plane, texels are covered twice, or more than 2 % of the
+        area has less than a tenth of the mean texel density; the figures are in `diagnostics`.
+    """
+    segmentation = tree.at(tree.levels) if isinstance(tree, SegmentTree) else tree
+    if flatten not in FLATTENINGS:
+        raise ValueError(f"flatten: {flatten!r} must be one of {FLATTENINGS}")
+    check_packing(padding, resolution)
+    count = segmentation.n_segments
+    thresholds: tuple[float, ...] = (min(0.02, 0.5 / count), *_NARROWER)
+    if threshold is not None:
+        if not 0 <= threshold < 1 / count:
+            raise ValueError(f"threshold: {threshold} must be in [0, 1 / {count})")
+        thresholds = (threshold,)
+    charts = _charts(segmentation, thresholds, flatten)
+    uv = pack(charts, segmentation.surface.n_faces, padding=padding, resolution=resolution)
+    atlas = Atlas(segmentation.surface, segmentation.labels, charts, uv)
+    for flaw in atlas.diagnostics.sentences():
+        quality.warn(flaw)
+    return atlas
+
+
+def _charts(
+    segmentation: Segmentation, thresholds: Sequence[float], method: Flattening
+) -> tuple[Chart, ...]:
+    """Charts of all segments, each on the widest domain that suits its labelled faces."""
+    areas = segmentation.surface.face_areas
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = pool.map(
+            lambda segment: _widest(segmentation, segment, thresholds, method),
+            range(segmentation.n_segments),
+        )
+        maps = [mapped for parts in found for mapped in parts]
+    weights = blending_weights(segmentation, [mapped.domain for mapped in maps])
+    return tuple(chart(m, areas, weight) for m, weight in zip(maps, weights, strict=True))
+
+
+def _widest(
+    segmentation: Segmentation, segment: int, thresholds: Sequence[float], method: Flattening
+) -> list[Map]:
+    """Map the domains of a segment at the least threshold that suits its labelled faces."""
+    surface = segmentation.surface
+    tried = []
+    for threshold in thresholds:
+        maps = [flatten(domain, method) for domain in domains(segmentation, segment, threshold)]
+        cost = sum(spread(mapped, surface.face_areas) / surface.area for mapped in maps)
+        tried.append((cost, maps))
+        if tried[0][0] <= _FREE_SPREAD:
+            return maps
+    bound = _FREE_SPREAD + _WIDENING * min(cost for cost, _ in tried)
+    return next(maps for cost, maps in tried if cost <= bound)

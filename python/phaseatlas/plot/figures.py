@@ -1,0 +1,205 @@
+"""Figures: views side by side, layouts with the outlines of their charts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ..arrays import Floats
+from ..atlas.charts import Layout
+from ..atlas.metrics import uv_topology
+from ..files import write_whole
+from ..points import SurfacePoints
+from ..surface import Surface
+from .colours import segment_colors
+from .render import check_size, draw_layout, pictured, render, render_textured, render_views
+
+__all__ = ["segments", "textured", "uv_layout"]
+
+
+def segments(
+    surface: Surface,
+    values: NDArray[Any],
+    path: str | PathLike[str],
+    *,
+    views: int = 2,
+    size: int = 700,
+    direction: Sequence[float] | None = None,
+    title: str | None = None,
+) -> None:
+    """Draw a surface with its segments in distinct colours.
+
+    Parameters
+    ----------
+    surface
+        The surface, with n vertices and m faces.
+    values
+        What to show: labels, (m,) integers counted from 0; blending weights, (k, n) floats, drawn
+        as the weighted mean of the segments' colours; or colours in [0, 1], (m, 3) or (n, 3)
+        floats. Floats of shape (3, n) are weights.
+    path
+        Image file; the suffix sets the format.
+    views
+        1, or 2 to show the other side as well.
+    size
+        Height of a view in pixels.
+    direction
+        From the surface towards the viewer, (3,); by default a three-quarter view with y up.
+    title
+        Line above the views.
+
+    Raises
+    ------
+    ValueError
+        If `values` has none of the shapes above or an option is out of range.
+    """
+    drawn = render(surface, values, views=views, size=size, direction=direction)
+    _write(_panels(drawn, title), path)
+
+
+def textured(
+    surface: Surface,
+    uv: Floats,
+    image: NDArray[Any],
+    path: str | PathLike[str],
+    *,
+    views: int = 2,
+    size: int = 700,
+    direction: Sequence[float] | None = None,
+    title: str | None = None,
+) -> None:
+    """Draw a surface with a texture.
+
+    Parameters
+    ----------
+    surface
+        The surface, with m faces.
+    uv
+        (m, 3, 2) UV of every corner of every face.
+    image
+        (H, W, 3) bytes or floats in [0, 1], first row at v = 1; tiled outside [0, 1]^2.
+    path
+        Image file; the suffix sets the format.
+    views, size, direction, title
+        As in `segments`.
+
+    Raises
+    ------
+    ValueError
+        If `uv` has another shape or an option is out of range.
+    """
+    drawn = render_textured(surface, uv, image, views=views, size=size, direction=direction)
+    _write(_panels(drawn, title), path)
+
+
+def uv_layout(
+    atlas: Layout,
+    image: NDArray[Any],
+    path: str | PathLike[str],
+    *,
+    views: int = 2,
+    size: int = 700,
+    tint: float = 0.45,
+    direction: Sequence[float] | None = None,
+    title: str | None = None,
+) -> None:
+    """Draw the packed charts of an atlas with a texture, and the textured surface beside them.
+
+    Parameters
+    ----------
+    atlas
+        Charts and their packed layout.
+    image
+        (H, W, 3) bytes or floats in [0, 1] over the layout, first row at v = 1, as `bake` returns
+        it.
+    path
+        Image file; the suffix sets the format.
+    views
+        Views of the surface beside the layout: 0, 1 or 2.
+    size
+        Height of the picture in pixels.
+    tint
+        How strongly the charts take their segment's colour (that of `segments`), 0 to 1.
+    direction, title
+        As in `segments`.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range.
+    """
+    if not 0.0 <= tint <= 1.0:
+        raise ValueError(f"tint must lie in [0, 1], got {tint}")
+    check_size(size)
+    surface = atlas.surface
+    labels = np.empty(surface.n_faces, dtype=np.int64)
+    for index, chart in enumerate(atlas.charts):
+        labels[chart.faces[chart.labelled]] = index
+    tints = segment_colors(surface, labels, len(atlas.charts))
+    picture = pictured(atlas.uv, image)
+
+    def colour(points: SurfacePoints) -> Floats:
+        tinted: Floats = picture(points) * (1.0 - tint + tint * tints[labels[points.face]])
+        return tinted
+
+    layout = draw_layout(atlas.uv, colour, size)
+    beside = render_views(surface, colour, views, size, direction) if views else []
+    figure = _panels([layout, *beside], title)
+    _outline(figure, surface, atlas.uv, size)
+    _write(figure, path)
+
+
+def _outline(figure: Figure, surface: Surface, uv: Floats, size: int) -> None:
+    """Draw the borders of the charts over the first panel."""
+    open_edges = uv_topology(surface, uv).open_edges
+    lines = np.stack([uv, np.roll(uv, -1, axis=1)], axis=2)[open_edges]
+    axes = figure.axes[0]
+    pixels = lines * [size, -size] + [-0.5, size - 0.5]
+    axes.add_collection(LineCollection(list(pixels), colors="#2b2b2b", linewidths=0.7))
+    for spine in axes.spines.values():
+        spine.set(visible=True, edgecolor="#b8b8b8", linewidth=0.8)
+
+
+def _panels(images: Sequence[Floats], title: str | None) -> Figure:
+    """Images of one height side by side, pixel for pixel."""
+    gap, top = 24, 44 if title else 0
+    height = images[0].shape[0]
+    total = (
+        sum(image.shape[1] for image in images) + gap * (len(images) + 1),
+        height + 2 * gap + top,
+    )
+    dpi = 100.0
+    figure = Figure(figsize=(total[0] / dpi, total[1] / dpi), dpi=dpi, facecolor="white")
+    FigureCanvasAgg(figure)
+    left = gap
+    for image in images:
+        width = image.shape[1]
+        axes = figure.add_axes(
+            (left / total[0], gap / total[1], width / total[0], height / total[1])
+        )
+        axes.imshow(image, interpolation="none", aspect="auto")
+        axes.set(xticks=[], yticks=[])
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        left += width + gap
+    if title:
+        figure.text(
+            0.5, 1.0 - 0.6 * (top + gap) / total[1], title, ha="center", va="center", size=15
+        )
+    return figure
+
+
+def _write(figure: Figure, path: str | PathLike[str]) -> None:
+    suffix = Path(path).suffix.lstrip(".").lower()
+    if suffix not in figure.canvas.get_supported_filetypes():
+        raise ValueError(f"path must end in a known image suffix, got {str(path)!r}")
+    with write_whole(path) as temporary:
+        figure.savefig(temporary, format=suffix)
