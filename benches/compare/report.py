@@ -1,7 +1,8 @@
-"""The tables of the terminal, `benches/results.json` and `benches/RESULTS.md`.
+"""The tables of the terminal, `benches/RESULTS.md` and `benches/results.json`.
 
-The Markdown is made of the JSON file, which keeps the last run of each command, and of
-`benches/NOTES.md`, which is written by hand.
+A run writes its own section of the Markdown and leaves the other one as it is; `benches/NOTES.md`,
+which is written by hand, is its end. The JSON file, which the repository does not keep, has the
+numbers of the last run of each command with all their digits.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ __all__ = ["publish"]
 _FOLDER = Path(__file__).parents[1]
 _AUTHORS = "the authors' C++"
 _MOST_COLUMNS = 12
+_TITLES = {"work": "Pieces of work", "solves": "Whole solves"}
 
 _INTRODUCTION = f"""# Results
 
@@ -39,7 +41,7 @@ Times of whole solves are seconds of wall but where it says CPU; `README.md` exp
 
 
 def publish(section: str, about: dict[str, Any], rows: list[dict[str, Any]]) -> None:
-    """Print the rows of a section, and keep them in `results.json` and `RESULTS.md`.
+    """Print the rows of a section, and keep them in `RESULTS.md` and `results.json`.
 
     Parameters
     ----------
@@ -49,11 +51,15 @@ def publish(section: str, about: dict[str, Any], rows: list[dict[str, Any]]) -> 
     rows : list of dict
         All with the same keys, which become the columns; "table" names the table of a row.
     """
-    path = _FOLDER / "results.json"
-    results = json.loads(path.read_text()) if path.exists() else {}
+    numbers = _FOLDER / "results.json"
+    results = json.loads(numbers.read_text()) if numbers.exists() else {}
     results[section] = {"run": about, "rows": rows}
-    path.write_text(json.dumps(dict(sorted(results.items())), indent=1) + "\n")
-    (_FOLDER / "RESULTS.md").write_text(_markdown(results))
+    numbers.write_text(json.dumps(dict(sorted(results.items())), indent=1) + "\n")
+    page = _FOLDER / "RESULTS.md"
+    kept = _sections(page.read_text()) if page.exists() else {}
+    kept[_TITLES[section]] = _section(about, rows)
+    parts = [f"## {title}\n\n{kept[title]}" for title in _TITLES.values() if title in kept]
+    page.write_text("\n".join([_INTRODUCTION, *parts, (_FOLDER / "NOTES.md").read_text()]))
     console = Console()
     for title, cells in _tables(rows):
         table = Table(*cells[0], title=title)
@@ -87,19 +93,21 @@ def _cell(value: Any) -> str:
     return str(value)
 
 
-def _markdown(results: dict[str, Any]) -> str:
-    parts = [_INTRODUCTION]
-    titles = {"work": "Pieces of work", "solves": "Whole solves"}
-    for section, title in titles.items():
-        if section not in results:
-            continue
-        parts.append(f"## {title}\n")
-        parts.append(_run(results[section]["run"]))
-        for heading, cells in _tables(results[section]["rows"]):
-            lines = ["| " + " | ".join(row) + " |" for row in cells]
-            lines.insert(1, "|" + " --- |" * len(cells[0]))
-            parts.append(f"### {heading}\n\n" + "\n".join(lines) + "\n")
-    parts.append((_FOLDER / "NOTES.md").read_text())
+def _sections(page: str) -> dict[str, str]:
+    """The text below each heading of the second level."""
+    found = {}
+    for part in f"\n{page}".split("\n## ")[1:]:
+        title, _, text = part.partition("\n")
+        found[title] = text.strip("\n") + "\n"
+    return found
+
+
+def _section(about: dict[str, Any], rows: list[dict[str, Any]]) -> str:
+    parts = [_run(about)]
+    for heading, cells in _tables(rows):
+        lines = ["| " + " | ".join(row) + " |" for row in cells]
+        lines.insert(1, "|" + " --- |" * len(cells[0]))
+        parts.append(f"### {heading}\n\n" + "\n".join(lines) + "\n")
     return "\n".join(parts)
 
 
