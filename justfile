@@ -1,0 +1,49 @@
+# What a change has to pass, one recipe a check; `just --list` shows them.
+# `pip install rust-just` brings the program; the recipes use the Python that is active.
+
+set shell := ["bash", "-euo", "pipefail", "-c"]
+
+# All checks but the tests in Python: Rust, style and types, demo.
+check: rust lint demo
+
+# Format, lint and test the Rust crates; their documentation examples are tests too.
+rust:
+    cargo fmt --all --check
+    cargo clippy --workspace --all-targets --locked -- -D warnings
+    cargo test --workspace --locked
+
+# Style and types of the Python; the types of the core need the installed package.
+lint:
+    pip install --quiet '.[lint]'
+    ruff check
+    ruff format --check
+    mypy
+    python -m mypy.stubtest phaseatlas._core
+
+# Install the package and run its tests; `just test tests/test_area.py -k gradient` runs some.
+test *arguments:
+    pip install '.[test]'
+    pytest {{ arguments }}
+
+# Run the demo of the README and see that it writes its files.
+demo:
+    #!/usr/bin/env bash
+    set -euo pipefail
+    folder=$(mktemp -d)
+    trap 'rm -rf "$folder"' EXIT
+    phaseatlas demo "$folder"
+    test -s "$folder/starfish.glb" -a -s "$folder/segments.png" -a -s "$folder/uv.png"
+
+# Put the Python and the Rust into shape.
+format:
+    cargo fmt --all
+    ruff check --fix
+    ruff format
+
+# Hashes of the fields of small runs: the same before and after a change of form.
+hashes:
+    python benches/field_hashes.py
+
+# Criterion's benchmarks of the core, all or by name: `just bench perimeter`.
+bench *names:
+    cargo bench -p phaseatlas-core -- {{ names }}
