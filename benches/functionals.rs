@@ -24,7 +24,8 @@ fn profile(x: f64, epsilon: f64) -> f64 {
 
 /// Two halves, as after a solve.
 fn halves(case: &Case) -> Vec<f64> {
-    case.mesh
+    case.surface
+        .mesh()
         .vertices()
         .iter()
         .map(|p| profile(p[0] + 0.1 * p[1], case.epsilon))
@@ -46,7 +47,8 @@ fn caps(case: &Case, count: usize) -> Vec<f64> {
     let chord = (1.0 / count as f64).sqrt();
     // A sphere of unit area has this radius.
     let radius = (0.25 / std::f64::consts::PI).sqrt();
-    case.mesh
+    case.surface
+        .mesh()
         .vertices()
         .iter()
         .map(|&p| {
@@ -62,7 +64,7 @@ fn caps(case: &Case, count: usize) -> Vec<f64> {
 /// Random values, of the amplitude at which about `count` components arise.
 fn noise(case: &Case, count: usize) -> Vec<f64> {
     let mut random = Random(2);
-    let signs: Vec<f64> = (0..case.mesh.n_vertices())
+    let signs: Vec<f64> = (0..case.surface.mesh().n_vertices())
         .map(|_| 2.0 * random.uniform() - 1.0)
         .collect();
     let functional = connectedness(case);
@@ -84,7 +86,7 @@ fn noise(case: &Case, count: usize) -> Vec<f64> {
 
 fn connectedness(case: &Case) -> Connectedness {
     Connectedness::new(
-        case.mesh.clone(),
+        case.surface.clone(),
         ConnectednessLaws::default_threshold(case.epsilon),
         None,
         Phases::Positive,
@@ -128,13 +130,15 @@ fn functionals(criterion: &mut Criterion) {
     bench(
         criterion,
         "perimeter",
-        |case| Perimeter::new(case.mesh.clone(), case.epsilon).expect("epsilon is positive"),
+        |case| Perimeter::new(case.surface.clone(), case.epsilon).expect("epsilon is positive"),
         halves,
     );
     bench(
         criterion,
         "area",
-        |case| Area::new(&case.mesh, 0.1 * case.epsilon, None).expect("delta is in [0, 1)"),
+        |case| {
+            Area::new(case.surface.mesh(), 0.1 * case.epsilon, None).expect("delta is in [0, 1)")
+        },
         halves,
     );
     bench(
@@ -154,8 +158,8 @@ fn functionals(criterion: &mut Criterion) {
         ("distortion paper", Law::Paper, 1e-3),
     ] {
         let make = |case: &Case| {
-            let (mesh, epsilon) = (Arc::clone(&case.mesh), case.epsilon);
-            Distortion::new(mesh, law, epsilon, 0.1 * epsilon, eta, None)
+            let (surface, epsilon) = (Arc::clone(&case.surface), case.epsilon);
+            Distortion::new(surface, law, epsilon, 0.1 * epsilon, eta, None)
                 .expect("the parameters are valid")
         };
         bench(criterion, name, make, halves);

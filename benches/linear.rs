@@ -8,7 +8,7 @@ use std::time::Duration;
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
 use meshes::{Random, cases};
 use phaseatlas_core::TriangleMesh;
-use phaseatlas_core::linear::{Analysis, Cholesky, Factorisation, Ordering};
+use phaseatlas_core::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
 use phaseatlas_core::operators::Stiffness;
 
 /// The lower triangle of the stiffness' pattern: starts of the columns and rows of the entries.
@@ -28,7 +28,7 @@ fn lower_triangle(mesh: &TriangleMesh) -> (Vec<usize>, Vec<u32>) {
 
 fn linear(criterion: &mut Criterion) {
     for case in cases() {
-        let mesh = &*case.mesh;
+        let mesh = case.surface.mesh();
         let mut random = Random(3);
         let weight: Vec<f64> = (0..mesh.n_vertices()).map(|_| random.uniform()).collect();
         let mut stiffness = Stiffness::new(mesh);
@@ -45,7 +45,7 @@ fn linear(criterion: &mut Criterion) {
 
         let (starts, rows) = lower_triangle(mesh);
         let analyse = || {
-            Analysis::new(
+            SymbolicFactorisation::new(
                 &starts,
                 &rows,
                 Ordering::LeastWork,
@@ -69,16 +69,11 @@ fn linear(criterion: &mut Criterion) {
                 }
             })
             .collect();
-        let lower = mesh.lower_triangle().expect("there is memory");
+        let system = case.surface.dirichlet_system().expect("there is memory");
         // What has not changed since the last factorisation is kept: every value has.
         let matrices = [1.0, 1.0 + 1e-9].map(|scale| {
-            let mut values = vec![0.0; lower.len()];
-            lower.fill(
-                mesh.pattern(),
-                stiffness.edge_values(),
-                &penalty,
-                &mut values,
-            );
+            let mut values = vec![0.0; system.len()];
+            system.fill(mesh, &stiffness, &penalty, &mut values);
             values.iter_mut().for_each(|value| *value *= scale);
             values
         });

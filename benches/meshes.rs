@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use phaseatlas_core::TriangleMesh;
+use phaseatlas_core::{Surface, TriangleMesh};
 
 /// Subdivisions of the icosahedron: 10,242, 40,962 and 163,842 vertices.
 const SUBDIVISIONS: [u32; 3] = [5, 6, 7];
@@ -17,7 +17,7 @@ const FLIP_QUALITY: f64 = 0.5;
 pub struct Case {
     /// Name and number of vertices, as criterion prints them.
     pub label: String,
-    pub mesh: Arc<TriangleMesh>,
+    pub surface: Arc<Surface>,
     /// Twice the mean edge length.
     pub epsilon: f64,
 }
@@ -46,7 +46,7 @@ fn case(name: &str, mut vertices: Vec<[f64; 3]>, faces: &[[i64; 3]]) -> Case {
     Case {
         label: format!("{name}/{}", mesh.n_vertices()),
         epsilon: 2.0 * mesh.mean_edge_length(),
-        mesh: Arc::new(mesh),
+        surface: Arc::new(Surface::new(mesh)),
     }
 }
 

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use rayon::prelude::*;
 
-use crate::CHUNK;
 use crate::error::{Error, Result, check_length, check_vector};
+use crate::parallel::CHUNK;
 
 /// A pair is kept only where its curvature s . y is more than this part of |s| |y|: without
 /// positive curvature the approximation is not positive definite.

@@ -16,11 +16,10 @@
 //! | section 4 | chart maps (least-squares conformal, boundary-first) | [`flatten`] |
 //!
 //! Every functional has one shape, [`functionals::Functional`]. What depends on the surface
-//! alone is built once, in [`mesh::TriangleMesh`]. Results do not depend on the number of
-//! threads: sums run over chunks of fixed size and are added in a fixed order.
+//! alone is built once, in [`mesh::TriangleMesh`] and [`surface::Surface`]. Results do not depend
+//! on the number of threads: sums run over chunks of fixed size and are added in a fixed order.
 
 pub mod bake;
-mod buffers;
 pub mod error;
 pub mod flatten;
 pub mod functionals;
@@ -30,12 +29,13 @@ pub mod linear;
 pub mod mesh;
 pub mod obj;
 pub mod operators;
+mod parallel;
 pub mod potentials;
 pub mod raster;
+pub mod surface;
+#[cfg(test)]
+mod testing;
 
 pub use error::{Error, Result};
 pub use mesh::TriangleMesh;
-
-/// Vertices (or faces) that one task handles; sums over chunks are added in order, which makes
-/// every result independent of the number of threads.
-pub(crate) const CHUNK: usize = 4096;
+pub use surface::Surface;

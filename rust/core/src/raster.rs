@@ -283,25 +283,21 @@ fn texel_range(coordinates: [i128; 3], resolution: usize) -> Range<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::numbers;
 
     fn covered(raster: &Raster) -> usize {
         raster.count.iter().filter(|&&count| count > 0).count()
     }
 
-    /// Numbers in [0, 1) from a linear congruential generator.
-    fn numbers(seed: u64) -> impl FnMut() -> f64 {
-        let mut state = seed;
-        move || {
-            state = state
-                .wrapping_mul(6364136223846793005)
-                .wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 53) as f64
-        }
+    /// Numbers in [0, 1).
+    fn uniform(seed: u64) -> impl FnMut() -> f64 {
+        let mut number = numbers(seed);
+        move || f64::from(number()) / 2.0_f64.powi(31)
     }
 
     /// The unit square as a grid of cells, its inner nodes moved by `jitter` of a cell, each cell cut in two.
     fn tiling(cells: usize, jitter: f64, seed: u64) -> Vec<[f64; 2]> {
-        let mut number = numbers(seed);
+        let mut number = uniform(seed);
         let side = cells + 1;
         let mut moved = |k: usize| {
             let shift = if k == 0 || k == cells {
@@ -433,7 +429,7 @@ mod tests {
 
     #[test]
     fn runs_hold_the_texels_inside_all_edges() {
-        let mut number = numbers(5);
+        let mut number = uniform(5);
         for size in [0.05, 0.5, 3.0, 1.0e6] {
             for _ in 0..40 {
                 let mut point = || [0.5 + size * (number() - 0.5), 0.5 + size * (number() - 0.5)];

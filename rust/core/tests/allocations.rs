@@ -5,9 +5,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use phaseatlas_core::TriangleMesh;
 use phaseatlas_core::functionals::{Connectedness, Distortion, Form, Functional, Law, Phases};
-use phaseatlas_core::linear::{Analysis, Cholesky, Factorisation, Ordering};
+use phaseatlas_core::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
+use phaseatlas_core::{Surface, TriangleMesh};
 
 struct Counting;
 
@@ -76,8 +76,9 @@ fn laplacian() -> (Vec<usize>, Vec<u32>, Vec<f64>) {
 fn nothing_is_allocated_after_the_first_call() {
     let (starts, rows, values) = laplacian();
     for factorisation in [Factorisation::Simplicial, Factorisation::Supernodal] {
-        let analysis = Analysis::new(&starts, &rows, Ordering::LeastWork, factorisation).unwrap();
-        let mut cholesky = Cholesky::new(Arc::new(analysis)).unwrap();
+        let symbolic =
+            SymbolicFactorisation::new(&starts, &rows, Ordering::LeastWork, factorisation).unwrap();
+        let mut cholesky = Cholesky::new(Arc::new(symbolic)).unwrap();
         let mut columns = vec![1.0; 2 * K * K];
         let mut doubled = values.clone();
         let mut both = || {
@@ -93,7 +94,8 @@ fn nothing_is_allocated_after_the_first_call() {
     }
 
     // Within the pool: to call into it from outside is what the pool itself allocates for.
-    let mesh = Arc::new(sheet());
+    let surface = Arc::new(Surface::new(sheet()));
+    let mesh = surface.mesh();
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(2)
         .build()
@@ -105,7 +107,7 @@ fn nothing_is_allocated_after_the_first_call() {
         })
         .collect();
     for law in [Law::Paper, Law::Sharp] {
-        let make = || Distortion::new(mesh.clone(), law, 0.05, 0.02, 1e-3, None).unwrap();
+        let make = || Distortion::new(surface.clone(), law, 0.05, 0.02, 1e-3, None).unwrap();
         let evaluate = |functional: &Distortion, gradient: &mut [f64], fields: &[Vec<f64>]| {
             for u in fields {
                 functional.value_and_gradient(u, gradient).unwrap();
@@ -134,7 +136,7 @@ fn nothing_is_allocated_after_the_first_call() {
         })
         .collect();
     for form in [Form::Pairs, Form::Tree] {
-        let functional = Connectedness::new(mesh.clone(), 0.7, None, Phases::Both).unwrap();
+        let functional = Connectedness::new(surface.clone(), 0.7, None, Phases::Both).unwrap();
         let functional = functional.with_form(form);
         let mut gradient = vec![0.0; mesh.n_vertices()];
         let mut all = || {

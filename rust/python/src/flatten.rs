@@ -1,5 +1,3 @@
-use std::sync::Arc;
-
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use phaseatlas_core::flatten as core;
 use pyo3::prelude::*;
@@ -30,7 +28,7 @@ pub fn cut_chart(
     faces: PyReadonlyArray1<'_, i64>,
 ) -> PyResult<CutChart> {
     let faces = faces.as_slice()?;
-    let chart = detached(py, || core::ChartMesh::new(&mesh.core, faces))?.map_err(to_python)?;
+    let chart = detached(py, || core::ChartMesh::new(mesh.core(), faces))?.map_err(to_python)?;
     let triangles: Vec<[i64; 3]> = chart
         .mesh
         .faces()
@@ -38,11 +36,8 @@ pub fn cut_chart(
         .map(|face| face.map(i64::from))
         .collect();
     let vertices: Vec<i64> = chart.vertices.iter().map(|&v| i64::from(v)).collect();
-    let disk = TriangleMesh {
-        core: Arc::new(chart.mesh),
-    };
     Ok(CutChart {
-        mesh: Py::new(py, disk)?,
+        mesh: Py::new(py, TriangleMesh::new(chart.mesh))?,
         triangles: array2(py, &triangles)?.unbind(),
         vertices: PyArray1::from_vec(py, vertices).unbind(),
         euler_characteristic: chart.euler_characteristic,
@@ -53,7 +48,7 @@ pub fn cut_chart(
 /// Least-squares conformal map of a disk, one point a vertex.
 #[pyfunction]
 pub fn lscm<'py>(py: Python<'py>, mesh: &TriangleMesh) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let uv = detached(py, || core::lscm(&mesh.core))?.map_err(to_python)?;
+    let uv = detached(py, || core::lscm(mesh.core()))?.map_err(to_python)?;
     array2(py, &uv)
 }
 
@@ -69,7 +64,7 @@ pub struct ScaledMap {
 /// Boundary-first map of a disk.
 #[pyfunction]
 pub fn bff(py: Python<'_>, mesh: &TriangleMesh) -> PyResult<ScaledMap> {
-    let flat = detached(py, || core::bff(&mesh.core))?.map_err(to_python)?;
+    let flat = detached(py, || core::bff(mesh.core()))?.map_err(to_python)?;
     Ok(ScaledMap {
         uv: array2(py, &flat.uv)?.unbind(),
         log_scale: PyArray1::from_vec(py, flat.log_scale).unbind(),

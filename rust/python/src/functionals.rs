@@ -36,10 +36,10 @@ impl Perimeter {
         sigma: f64,
     ) -> PyResult<Self> {
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
-        let mesh = mesh.core.clone();
+        let surface = mesh.surface.clone();
         detached(py, || match weight {
-            None => core::Perimeter::new(mesh, epsilon),
-            Some(weight) => core::Perimeter::weighted(mesh, epsilon, weight, eta, sigma),
+            None => core::Perimeter::new(surface, epsilon),
+            Some(weight) => core::Perimeter::weighted(surface, epsilon, weight, eta, sigma),
         })?
         .map(Self)
         .map_err(to_python)
@@ -77,7 +77,7 @@ impl Area {
         weight: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
-        core::Area::new(&mesh.core, delta, weight)
+        core::Area::new(mesh.core(), delta, weight)
             .map(Self)
             .map_err(to_python)
     }
@@ -149,7 +149,7 @@ impl Connectedness {
         };
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
         let inside = inside.as_ref().map(|faces| faces.as_slice()).transpose()?;
-        core::Connectedness::new(mesh.core.clone(), threshold, weight, phases)
+        core::Connectedness::new(mesh.surface.clone(), threshold, weight, phases)
             .and_then(|functional| functional.with_plateau(plateau))
             .and_then(|functional| match saturation {
                 None => Ok(functional),
@@ -204,9 +204,9 @@ impl Distortion {
             }
         };
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
-        let mesh = mesh.core.clone();
+        let surface = mesh.surface.clone();
         detached(py, || {
-            core::Distortion::new(mesh, law, epsilon, delta, eta, weight)
+            core::Distortion::new(surface, law, epsilon, delta, eta, weight)
         })?
         .map(Self)
         .map_err(to_python)

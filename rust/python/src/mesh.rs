@@ -5,7 +5,7 @@ use numpy::{
 };
 use phaseatlas_core::mesh::NONE;
 use phaseatlas_core::operators::Stiffness;
-use phaseatlas_core::{Error, TriangleMesh as CoreMesh};
+use phaseatlas_core::{Error, Surface, TriangleMesh as CoreMesh};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -45,14 +45,26 @@ pub(crate) fn array2<'py, const K: usize, T: Element + Copy>(
 /// A validated triangle mesh and its operators.
 #[pyclass(frozen, module = "phaseatlas._core")]
 pub struct TriangleMesh {
-    pub(crate) core: Arc<CoreMesh>,
+    pub(crate) surface: Arc<Surface>,
+}
+
+impl TriangleMesh {
+    pub(crate) fn new(mesh: CoreMesh) -> Self {
+        Self {
+            surface: Arc::new(Surface::new(mesh)),
+        }
+    }
+
+    pub(crate) fn core(&self) -> &CoreMesh {
+        self.surface.mesh()
+    }
 }
 
 #[pymethods]
 impl TriangleMesh {
     #[new]
     #[pyo3(signature = (vertices, faces, *, accepted = false))]
-    fn new(
+    fn from_arrays(
         py: Python<'_>,
         vertices: PyReadonlyArray2<'_, f64>,
         faces: PyReadonlyArray2<'_, i64>,
@@ -66,34 +78,32 @@ impl TriangleMesh {
             CoreMesh::new
         };
         let core = detached(py, || build(vertices, &faces))?.map_err(to_python)?;
-        Ok(Self {
-            core: Arc::new(core),
-        })
+        Ok(Self::new(core))
     }
 
     fn areas<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.core.areas())
+        PyArray1::from_slice(py, self.core().areas())
     }
 
     fn diameters<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.core.diameters())
+        PyArray1::from_slice(py, self.core().diameters())
     }
 
     fn mass<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.core.mass())
+        PyArray1::from_slice(py, self.core().mass())
     }
 
     fn angle_defects<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.core.angle_defects())
+        PyArray1::from_slice(py, self.core().angle_defects())
     }
 
     fn on_border<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        PyArray1::from_slice(py, self.core.on_border())
+        PyArray1::from_slice(py, self.core().on_boundary())
     }
 
     fn edges<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let edges: Vec<[i64; 2]> = self
-            .core
+            .core()
             .edges()
             .iter()
             .map(|edge| edge.map(i64::from))
@@ -103,7 +113,7 @@ impl TriangleMesh {
 
     fn neighbours<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let neighbours: Vec<[i64; 3]> = self
-            .core
+            .core()
             .neighbours()
             .iter()
             .map(|across| across.map(|f| if f == NONE { -1 } else { i64::from(f) }))
@@ -120,38 +130,38 @@ impl TriangleMesh {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
         if let Some(weight) = weight
-            && weight.len() != self.core.n_vertices()
+            && weight.len() != self.core().n_vertices()
         {
             return Err(to_python(Error::Length {
                 argument: "weight",
                 actual: weight.len(),
-                expected: self.core.n_vertices(),
+                expected: self.core().n_vertices(),
             }));
         }
         let stiffness = detached(py, || match weight {
-            None => Stiffness::new(&self.core),
-            Some(weight) => Stiffness::weighted(&self.core, weight, 0.0),
+            None => Stiffness::new(self.core()),
+            Some(weight) => Stiffness::weighted(self.core(), weight, 0.0),
         })?;
         Ok(PyArray1::from_slice(py, stiffness.edge_values()))
     }
 
     #[getter]
     fn euler_characteristic(&self) -> i64 {
-        self.core.euler_characteristic()
+        self.core().euler_characteristic()
     }
 
     #[getter]
     fn genus(&self) -> i64 {
-        self.core.genus()
+        self.core().genus()
     }
 
     #[getter]
     fn n_boundary_loops(&self) -> usize {
-        self.core.n_boundary_loops()
+        self.core().n_boundary_loops()
     }
 
     #[getter]
     fn mean_edge_length(&self) -> f64 {
-        self.core.mean_edge_length()
+        self.core().mean_edge_length()
     }
 }

@@ -198,20 +198,10 @@ fn lower_envelope(reach: &[i16], limit: i64, envelope: &mut Vec<Parabola>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Numbers from a linear congruential generator.
-    fn numbers(seed: u64) -> impl FnMut() -> u64 {
-        let mut state = seed;
-        move || {
-            state = state
-                .wrapping_mul(6364136223846793005)
-                .wrapping_add(1442695040888963407);
-            state >> 33
-        }
-    }
+    use crate::testing::numbers;
 
     /// A canvas where one in `rarity` texels is painted, each in a colour of its own.
-    fn canvas(resolution: usize, rarity: u64, seed: u64) -> Canvas {
+    fn canvas(resolution: usize, rarity: u32, seed: u64) -> Canvas {
         let mut number = numbers(seed);
         let mut canvas = Canvas::new(resolution, [9, 8, 7]).unwrap();
         let strips = resolution.div_ceil(STRIP);

@@ -1,68 +1,62 @@
-//! Boundary-first flattening of a disk (Sawhney and Crane 2017) with the border kept in length.
+//! Boundary-first flattening of a disk (Sawhney and Crane 2017) with the boundary kept in length.
 
-use super::{border_vertices, check_disk};
+use super::disk::boundary_of_disk;
 use crate::error::{Error, Result};
 use crate::linear::{Cholesky, Ordering};
 use crate::mesh::{TriangleMesh, distance};
-use crate::operators::{LowerTriangle, Stiffness};
+use crate::operators::{DirichletSystem, Stiffness};
 
 /// A flattening and its log scale factor, one value a vertex.
 #[derive(Debug)]
 pub struct Bff {
     pub uv: Vec<[f64; 2]>,
-    /// u of the flat metric e^{2 u} g, 0 on the border: the least distorted among the conformal
+    /// u of the flat metric e^{2 u} g, 0 on the boundary: the least distorted among the conformal
     /// ones (Springborn, Schroeder, Pinkall 2008).
     pub log_scale: Vec<f64>,
 }
 
-/// Flattens a disk by the conformal map whose scale is 1 on the border.
+/// Flattens a disk by the conformal map whose scale is 1 on the boundary.
 ///
-/// The Yamabe equation with u = 0 on the border gives the scale; its flux bends the border, whose
+/// The Yamabe equation with u = 0 on the boundary gives the scale; its flux bends the boundary, whose
 /// edges keep their length but for the least change that closes the curve; the curve is
 /// extended harmonically to the inside.
 ///
 /// # Errors
 /// [`Error::Topology`] for a mesh that is no disk, [`Error::NotPositiveDefinite`].
 pub fn bff(mesh: &TriangleMesh) -> Result<Bff> {
-    check_disk(mesh)?;
+    let boundary = boundary_of_disk(mesh)?;
     let n = mesh.n_vertices();
-    let lower = LowerTriangle::new(mesh.pattern(), mesh.on_border(), Ordering::MinimumDegree)?;
+    let system = DirichletSystem::new(mesh, Ordering::MinimumDegree)?;
     let stiffness = Stiffness::new(mesh);
-    let mut values = vec![0.0; lower.len()];
-    lower.fill(
-        mesh.pattern(),
-        stiffness.edge_values(),
-        &vec![0.0; n],
-        &mut values,
-    );
-    let mut cholesky = Cholesky::new(lower.analysis())?;
+    let mut values = vec![0.0; system.len()];
+    system.fill(mesh, &stiffness, &vec![0.0; n], &mut values);
+    let mut cholesky = Cholesky::new(system.symbolic())?;
     cholesky.factor(&values)?;
 
     let mut log_scale: Vec<f64> = mesh
         .angle_defects()
         .iter()
-        .zip(mesh.on_border())
-        .map(|(k, &border)| if border { 0.0 } else { -k })
+        .zip(mesh.on_boundary())
+        .map(|(k, &boundary)| if boundary { 0.0 } else { -k })
         .collect();
     cholesky.solve(&mut log_scale)?;
 
-    let border = border_vertices(mesh);
-    let curve = flat_border(mesh, &stiffness, &border, &log_scale)?;
+    let curve = flat_boundary(mesh, &stiffness, boundary, &log_scale)?;
 
     // Harmonic extension: S_II x_I = -S_IB x_B for both coordinates. The columns are 0 inside, so
     // that the whole row gives the right-hand side.
     let mut columns = vec![0.0; 2 * n];
     for axis in 0..2 {
         let column = &mut columns[axis * n..(axis + 1) * n];
-        for (&v, point) in border.iter().zip(&curve) {
-            column[v] = point[axis];
+        for (&v, point) in boundary.iter().zip(&curve) {
+            column[v as usize] = point[axis];
         }
         let load: Vec<f64> = (0..n)
             .map(|i| {
-                if mesh.on_border()[i] {
+                if mesh.on_boundary()[i] {
                     column[i]
                 } else {
-                    -mesh.pattern().apply_row(stiffness.values(), column, i)
+                    -stiffness.apply_row(mesh.adjacency(), column, i)
                 }
             })
             .collect();
@@ -75,25 +69,25 @@ pub fn bff(mesh: &TriangleMesh) -> Result<Bff> {
     })
 }
 
-/// The border as a closed curve in the plane, vertex by vertex, of the curvature that the scale
+/// The boundary as a closed curve in the plane, vertex by vertex, of the curvature that the scale
 /// prescribes.
-fn flat_border(
+fn flat_boundary(
     mesh: &TriangleMesh,
     stiffness: &Stiffness,
-    border: &[usize],
+    boundary: &[u32],
     log_scale: &[f64],
 ) -> Result<Vec<[f64; 2]>> {
-    let count = border.len();
-    let position = |i: usize| mesh.vertices()[border[i % count]];
+    let count = boundary.len();
+    let position = |i: usize| mesh.vertices()[boundary[i % count] as usize];
     let lengths: Vec<f64> = (0..count)
         .map(|i| distance(position(i), position(i + 1)))
         .collect();
     let mut angle: f64 = 0.0;
     let mut tangents = Vec::with_capacity(count);
-    for &v in border {
+    for &v in boundary {
+        let v = v as usize;
         // Turning at v, before the edge to the next vertex: exterior angle plus flux.
-        angle +=
-            mesh.angle_defects()[v] + mesh.pattern().apply_row(stiffness.values(), log_scale, v);
+        angle += mesh.angle_defects()[v] + stiffness.apply_row(mesh.adjacency(), log_scale, v);
         tangents.push([angle.cos(), angle.sin()]);
     }
     // Least change, relative to the lengths, that closes the curve (equation 19 of the paper).
@@ -115,7 +109,7 @@ fn flat_border(
     if !correction.iter().all(|c| c.is_finite()) {
         return Err(Error::Topology {
             argument: "mesh",
-            reason: "the border cannot be closed in the plane".into(),
+            reason: "the boundary cannot be closed in the plane".into(),
         });
     }
     let mut point = [0.0; 2];
@@ -133,7 +127,7 @@ fn flat_border(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::tests::grid;
+    use crate::testing::grid;
 
     #[test]
     fn plane_is_kept() {

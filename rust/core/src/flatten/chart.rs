@@ -155,7 +155,7 @@ fn split_corners(mesh: &TriangleMesh, cut: &[bool]) -> SplitFaces {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::tests::{grid, torus};
+    use crate::testing::{grid, torus};
 
     #[test]
     fn disk_is_left_alone() {

@@ -26,19 +26,19 @@ pub(super) fn cut_to_disk(mesh: &TriangleMesh) -> Cut {
         let [a, b] = edges[e].map(|v| mesh.vertices()[v as usize]);
         distance(a, b)
     };
-    let border = |e: usize| half_edges[e][1] == NONE;
-    let tree = shortest_path_tree(mesh, &length, &border);
+    let boundary = |e: usize| half_edges[e][1] == NONE;
+    let tree = shortest_path_tree(mesh, &length, &boundary);
 
     let loop_length = |e: usize| {
         let [a, b] = edges[e];
         tree.distance[a as usize] + tree.distance[b as usize] + length(e)
     };
     let mut dual_edges: Vec<usize> = (0..edges.len())
-        .filter(|&e| !border(e) && !tree.edges[e])
+        .filter(|&e| !boundary(e) && !tree.edges[e])
         .collect();
     dual_edges.sort_by(|&e, &f| loop_length(f).total_cmp(&loop_length(e)).then(e.cmp(&f)));
     let mut faces = UnionFind::<u32>::new(mesh.n_faces());
-    let mut cut: Vec<bool> = (0..edges.len()).map(|e| !border(e)).collect();
+    let mut cut: Vec<bool> = (0..edges.len()).map(|e| !boundary(e)).collect();
     for e in dual_edges {
         if faces.union(half_edges[e][0] / 3, half_edges[e][1] / 3) {
             cut[e] = false;
@@ -68,10 +68,10 @@ impl Tree {
 fn shortest_path_tree(
     mesh: &TriangleMesh,
     length: &impl Fn(usize) -> f64,
-    border: &impl Fn(usize) -> bool,
+    boundary: &impl Fn(usize) -> bool,
 ) -> Tree {
     let n = mesh.n_vertices();
-    let pattern = mesh.pattern();
+    let adjacency = mesh.adjacency();
     let mut tree = Tree {
         distance: vec![f64::INFINITY; n],
         edges: vec![false; mesh.edges().len()],
@@ -81,11 +81,11 @@ fn shortest_path_tree(
     // tree the faces between two would be cut off.
     let mut reached = UnionFind::<u32>::new(n);
     for (e, &[a, b]) in mesh.edges().iter().enumerate() {
-        if border(e) {
+        if boundary(e) {
             reached.union(a, b);
         }
     }
-    let root = mesh.on_border().iter().position(|&b| b).unwrap_or(0);
+    let root = mesh.on_boundary().iter().position(|&b| b).unwrap_or(0);
     let mut settled = vec![false; n];
     // Non-negative floats order as their bits.
     let mut heap = BinaryHeap::new();
@@ -101,10 +101,8 @@ fn shortest_path_tree(
             let [a, b] = mesh.edges()[e];
             tree.edges[e] = reached.union(a, b);
         }
-        for entry in pattern.row_starts()[v]..pattern.row_starts()[v + 1] {
-            let w = pattern.columns()[entry] as usize;
-            let e = pattern.edge_of_entry()[entry] as usize;
-            let through = tree.distance[v] + if border(e) { 0.0 } else { length(e) };
+        for (w, e) in adjacency.around(v) {
+            let through = tree.distance[v] + if boundary(e) { 0.0 } else { length(e) };
             if through < tree.distance[w] {
                 tree.distance[w] = through;
                 tree.parent_edge[w] = e as u32;
@@ -117,11 +115,11 @@ fn shortest_path_tree(
 
 /// Takes away, again and again, the cut edges that end nowhere; a boundary vertex is no end.
 fn prune(mesh: &TriangleMesh, cut: &mut [bool]) {
-    let pattern = mesh.pattern();
+    let adjacency = mesh.adjacency();
     let mut degree: Vec<u32> = mesh
-        .on_border()
+        .on_boundary()
         .iter()
-        .map(|&border| if border { 2 } else { 0 })
+        .map(|&boundary| if boundary { 2 } else { 0 })
         .collect();
     for (e, &[a, b]) in mesh.edges().iter().enumerate() {
         if cut[e] {
@@ -131,12 +129,10 @@ fn prune(mesh: &TriangleMesh, cut: &mut [bool]) {
     }
     let mut ends: Vec<usize> = (0..degree.len()).filter(|&v| degree[v] == 1).collect();
     while let Some(v) = ends.pop() {
-        for entry in pattern.row_starts()[v]..pattern.row_starts()[v + 1] {
-            let e = pattern.edge_of_entry()[entry] as usize;
+        for (w, e) in adjacency.around(v) {
             if cut[e] {
                 cut[e] = false;
                 degree[v] -= 1;
-                let w = pattern.columns()[entry] as usize;
                 degree[w] -= 1;
                 if degree[w] == 1 {
                     ends.push(w);
@@ -151,7 +147,6 @@ fn prune(mesh: &TriangleMesh, cut: &mut [bool]) {
 /// A slit of one edge would open nothing, as both of its ends stay whole: it goes on to the
 /// farthest other neighbour. Three or more edges meet at every vertex of a closed surface.
 fn slit(mesh: &TriangleMesh, tree: &Tree, cut: &mut [bool]) {
-    let pattern = mesh.pattern();
     let other_end = |e: usize, v: usize| {
         let [a, b] = mesh.edges()[e].map(|w| w as usize);
         if a == v { b } else { a }
@@ -160,8 +155,10 @@ fn slit(mesh: &TriangleMesh, tree: &Tree, cut: &mut [bool]) {
     let mut v = (1..distance.len()).fold(0, |v, w| if distance[w] > distance[v] { w } else { v });
     let root = tree.edge_to(v).map(|e| other_end(e, v));
     if root.is_some_and(|root| tree.edge_to(root).is_none()) {
-        let beyond = (pattern.row_starts()[v]..pattern.row_starts()[v + 1])
-            .map(|entry| pattern.edge_of_entry()[entry] as usize)
+        let beyond = mesh
+            .adjacency()
+            .around(v)
+            .map(|(_, e)| e)
             .filter(|&e| Some(other_end(e, v)) != root)
             .max_by(|&e, &f| distance[other_end(e, v)].total_cmp(&distance[other_end(f, v)]));
         if let Some(e) = beyond {

@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{border_vertices, check_disk};
+use super::disk::boundary_of_disk;
 use crate::error::{Error, Result};
-use crate::linear::{Analysis, Cholesky, Factorisation, Ordering};
+use crate::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
 use crate::mesh::{NONE, TriangleMesh, distance};
 use crate::operators::Stiffness;
 
@@ -17,7 +17,7 @@ const MAX_ITERATIONS: usize = 200;
 const TOLERANCE: f64 = 1e-9;
 
 /// Flattens a disk: the map of least conformal energy E = Dirichlet energy - area among those
-/// of unit norm on the border and mean zero there. No vertex is pinned.
+/// of unit norm on the boundary and mean zero there. No vertex is pinned.
 ///
 /// Returns one point a vertex. The scale is such that the area in the plane equals that of the
 /// mesh; the orientation is kept.
@@ -26,22 +26,21 @@ const TOLERANCE: f64 = 1e-9;
 /// [`Error::Topology`] for a mesh that is no disk, [`Error::NotPositiveDefinite`] where
 /// rounding spoils the factorisation of extreme needles.
 pub fn lscm(mesh: &TriangleMesh) -> Result<Vec<[f64; 2]>> {
-    check_disk(mesh)?;
     let n = mesh.n_vertices();
+    let mut x = initial_map(mesh, boundary_of_disk(mesh)?);
     let mut solver = ConformalEnergy::new(mesh)?;
-    let border: Vec<usize> = (0..n).filter(|&v| mesh.on_border()[v]).collect();
-    let mut x = initial_map(mesh);
-    normalise(&mut x, &border, n);
+    let boundary: Vec<usize> = (0..n).filter(|&v| mesh.on_boundary()[v]).collect();
+    normalise(&mut x, &boundary, n);
     let mut previous = x.clone();
     for _ in 0..MAX_ITERATIONS {
-        // Inverse iteration for E x = lambda B x, B the indicator of the border.
+        // Inverse iteration for E x = lambda B x, B the indicator of the boundary.
         let mut next = vec![0.0; 2 * n];
-        for &v in &border {
+        for &v in &boundary {
             next[v] = x[v];
             next[n + v] = x[n + v];
         }
         solver.cholesky.solve(&mut next)?;
-        normalise(&mut next, &border, n);
+        normalise(&mut next, &boundary, n);
         align(&mut next, &previous, n);
         let change = next
             .iter()
@@ -90,14 +89,13 @@ impl ConformalEnergy {
     fn new(mesh: &TriangleMesh) -> Result<Self> {
         let n = mesh.n_vertices();
         let stiffness = Stiffness::new(mesh);
-        let pattern = mesh.pattern();
+        let adjacency = mesh.adjacency();
         let mut columns: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); 2 * n];
         let mut largest: f64 = 0.0;
         for j in 0..n {
             let mut diagonal = 0.0;
-            for entry in pattern.row_starts()[j]..pattern.row_starts()[j + 1] {
-                let i = pattern.columns()[entry] as usize;
-                let value = stiffness.values()[entry];
+            for (i, edge) in adjacency.around(j) {
+                let value = stiffness.edge_values()[edge];
                 diagonal -= value;
                 if i > j {
                     columns[j].insert(i, value);
@@ -112,11 +110,9 @@ impl ConformalEnergy {
             let (j, column) = column;
             *column.entry(j).or_default() += SHIFT * largest;
         }
-        // Twice the area is a sum over the border edges: sum x_a y_b - x_b y_a.
+        // Twice the area is a sum over the boundary edges: sum x_a y_b - x_b y_a.
         for half_edges in mesh.edge_half_edges().iter().filter(|h| h[1] == NONE) {
-            let (f, k) = ((half_edges[0] / 3) as usize, (half_edges[0] % 3) as usize);
-            let a = mesh.faces()[f][k] as usize;
-            let b = mesh.faces()[f][(k + 1) % 3] as usize;
+            let [a, b] = mesh.half_edge_ends(half_edges[0]).map(|v| v as usize);
             *columns[a].entry(n + b).or_default() -= 0.5;
             *columns[b].entry(n + a).or_default() += 0.5;
         }
@@ -129,13 +125,13 @@ impl ConformalEnergy {
             }
             starts.push(rows.len());
         }
-        let analysis = Analysis::new(
+        let symbolic = SymbolicFactorisation::new(
             &starts,
             &rows,
             Ordering::MinimumDegree,
             Factorisation::Automatic,
         )?;
-        let mut cholesky = Cholesky::new(Arc::new(analysis))?;
+        let mut cholesky = Cholesky::new(Arc::new(symbolic))?;
         cholesky.factor(&values).map_err(|error| match error {
             Error::NotPositiveDefinite {
                 argument,
@@ -152,15 +148,14 @@ impl ConformalEnergy {
     }
 }
 
-/// The border on a circle by arc length, which is all that the iteration takes from its start.
-fn initial_map(mesh: &TriangleMesh) -> Vec<f64> {
+/// The boundary on a circle by arc length, which is all that the iteration takes from its start.
+fn initial_map(mesh: &TriangleMesh, boundary: &[u32]) -> Vec<f64> {
     let n = mesh.n_vertices();
-    let border = border_vertices(mesh);
     let mut length = 0.0;
-    let mut places = Vec::with_capacity(border.len());
-    for (i, &v) in border.iter().enumerate() {
+    let mut places = Vec::with_capacity(boundary.len());
+    for (i, &v) in boundary.iter().enumerate() {
+        let (v, w) = (v as usize, boundary[(i + 1) % boundary.len()] as usize);
         places.push((v, length));
-        let w = border[(i + 1) % border.len()];
         length += distance(mesh.vertices()[v], mesh.vertices()[w]);
     }
     let mut x = vec![0.0; 2 * n];
@@ -172,15 +167,15 @@ fn initial_map(mesh: &TriangleMesh) -> Vec<f64> {
     x
 }
 
-/// Moves the border's mean to the origin and its norm to one.
-fn normalise(x: &mut [f64], border: &[usize], n: usize) {
+/// Moves the boundary's mean to the origin and its norm to one.
+fn normalise(x: &mut [f64], boundary: &[usize], n: usize) {
     for part in [0, n] {
-        let mean = border.iter().map(|&v| x[part + v]).sum::<f64>() / border.len() as f64;
+        let mean = boundary.iter().map(|&v| x[part + v]).sum::<f64>() / boundary.len() as f64;
         x[part..part + n]
             .iter_mut()
             .for_each(|value| *value -= mean);
     }
-    let norm = border
+    let norm = boundary
         .iter()
         .map(|&v| x[v] * x[v] + x[n + v] * x[n + v])
         .sum::<f64>()
@@ -209,7 +204,7 @@ fn align(x: &mut [f64], previous: &[f64], n: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::tests::{grid, torus};
+    use crate::testing::{grid, torus};
 
     #[test]
     fn plane_is_kept() {

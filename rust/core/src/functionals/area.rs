@@ -1,13 +1,11 @@
 //! Area of the positive phase, equations (2) and (10).
 
-use std::sync::Arc;
-
 use rayon::prelude::*;
 
 use super::Functional;
-use crate::CHUNK;
 use crate::error::{Result, check_delta, check_length, check_vector, check_weight};
 use crate::mesh::TriangleMesh;
+use crate::parallel::{CHUNK, ordered_sum};
 use crate::potentials::{chi, chi_prime, chi_second};
 
 /// A_alpha\[u\] = m^T (w . chi(u)), equations (2) and (10): the area of the positive phase, within
@@ -21,7 +19,7 @@ pub struct Area {
 impl Area {
     /// # Errors
     /// `delta` outside [0, 1), `weight` of another length or outside [0, 1].
-    pub fn new(mesh: &Arc<TriangleMesh>, delta: f64, weight: Option<&[f64]>) -> Result<Self> {
+    pub fn new(mesh: &TriangleMesh, delta: f64, weight: Option<&[f64]>) -> Result<Self> {
         check_delta(delta)?;
         let mut measure = mesh.mass().to_vec();
         if let Some(weight) = weight {
@@ -55,7 +53,7 @@ impl Functional for Area {
         check_vector("u", u, self.measure.len())?;
         check_length("gradient", gradient.len(), u.len())?;
         let delta = self.delta;
-        let sums: Vec<f64> = gradient
+        let parts = gradient
             .par_chunks_mut(CHUNK)
             .zip(u.par_chunks(CHUNK))
             .zip(self.measure.par_chunks(CHUNK))
@@ -66,22 +64,20 @@ impl Functional for Area {
                     sum += m * chi(u, delta);
                 }
                 sum
-            })
-            .collect();
-        Ok(sums.iter().sum())
+            });
+        Ok(ordered_sum(parts))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{check_gradient, noise};
     use super::*;
     use crate::error::Error;
-    use crate::mesh::tests::grid;
+    use crate::testing::{check_gradient, grid, noise};
 
     #[test]
     fn phases_share_the_surface() {
-        let mesh = Arc::new(grid(20, 20, |x, y| x * y));
+        let mesh = grid(20, 20, |x, y| x * y);
         let area = Area::new(&mesh, 0.01, None).unwrap();
         let u = noise(mesh.n_vertices());
         let minus: Vec<f64> = u.iter().map(|x| -x).collect();
@@ -94,7 +90,7 @@ mod tests {
 
     #[test]
     fn hessian_is_the_derivative_of_the_gradient() {
-        let mesh = Arc::new(grid(20, 20, |x, y| x * y));
+        let mesh = grid(20, 20, |x, y| x * y);
         let area = Area::new(&mesh, 0.02, None).unwrap();
         let u = noise(mesh.n_vertices());
         let diagonal = area.hessian(&u).unwrap();
@@ -114,7 +110,7 @@ mod tests {
 
     #[test]
     fn bad_input_is_named() {
-        let mesh = Arc::new(grid(2, 2, |_, _| 0.0));
+        let mesh = grid(2, 2, |_, _| 0.0);
         assert!(Area::new(&mesh, 1.0, None).is_err());
         assert!(Area::new(&mesh, 0.0, Some(&[2.0; 9])).is_err());
         let area = Area::new(&mesh, 0.0, None).unwrap();

@@ -1,18 +1,18 @@
 //! Conformal distortion of both phases with the diffuse Yamabe equation as constraint,
 //! equations (12) and (13).
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use super::Functional;
-use crate::buffers::{give_back, take};
 use crate::error::{
     Result, check_delta, check_length, check_non_negative, check_positive, check_vector,
     check_weight,
 };
 use crate::linear::Cholesky;
-use crate::mesh::TriangleMesh;
 use crate::operators::Stiffness;
+use crate::parallel::Buffers;
 use crate::potentials::{chi, chi_prime};
+use crate::surface::Surface;
 
 /// Weight of the sharp law's penalty relative to 1 / epsilon^2.
 const SHARP_PENALTY: f64 = 30.0;
@@ -26,7 +26,7 @@ const SHARP_MARGIN: f64 = 0.5;
 pub enum Law {
     /// Equation (12): a = c + eta, b = c, p = (1 - c) / epsilon.
     ///
-    /// Its limit for epsilon to 0 is a Robin condition on the border, not s = 0: the penalty
+    /// Its limit for epsilon to 0 is a Robin condition on the boundary, not s = 0: the penalty
     /// acts on a layer of width epsilon and stays of order one there. J is several times the
     /// energy of the sharp problem on features that are small beside the unit of length.
     Paper,
@@ -52,17 +52,17 @@ struct Coefficients {
 
 /// J\[u\] = s\[u\]^T M s\[u\] + s\[-u\]^T M s\[-u\] with A\[u\] s\[u\] = b\[u\], equation (13).
 ///
-/// A\[u\] = S\[a\] + diag(m p), b\[u\] = K b(c), K the integrated angle defect; s = 0 on the border
+/// A\[u\] = S\[a\] + diag(m p), b\[u\] = K b(c), K the integrated angle defect; s = 0 on the boundary
 /// of the surface, where a chart ends too. The gradient is
 /// that of the adjoint, +2 (db - dA s)^T A^-1 M s. Both phases are factored side by side.
 pub struct Distortion {
-    mesh: Arc<TriangleMesh>,
+    surface: Arc<Surface>,
     law: Law,
     epsilon: f64,
     delta: f64,
     eta: f64,
     weight: Option<Vec<f64>>,
-    systems: Mutex<Vec<[System; 2]>>,
+    systems: Buffers<[System; 2]>,
 }
 
 /// The linear system of one phase and its buffers.
@@ -107,7 +107,7 @@ impl Distortion {
     /// `epsilon` that is not positive, `delta` outside [0, 1), `eta` that is negative, `weight`
     /// of another length or outside [0, 1], [`crate::Error::OutOfMemory`].
     pub fn new(
-        mesh: Arc<TriangleMesh>,
+        surface: Arc<Surface>,
         law: Law,
         epsilon: f64,
         delta: f64,
@@ -118,17 +118,17 @@ impl Distortion {
         check_non_negative("eta", eta)?;
         check_delta(delta)?;
         if let Some(weight) = weight {
-            check_weight("weight", weight, mesh.n_vertices())?;
+            check_weight("weight", weight, surface.mesh().n_vertices())?;
         }
-        mesh.lower_triangle()?;
+        surface.dirichlet_system()?;
         Ok(Self {
-            mesh,
+            surface,
             law,
             epsilon,
             delta,
             eta,
             weight: weight.map(<[f64]>::to_vec),
-            systems: Mutex::default(),
+            systems: Buffers::default(),
         })
     }
 
@@ -138,7 +138,7 @@ impl Distortion {
     /// # Errors
     /// As [`Functional::value_and_gradient`].
     pub fn log_scale(&self, u: &[f64]) -> Result<[Vec<f64>; 2]> {
-        check_vector("u", u, self.mesh.n_vertices())?;
+        check_vector("u", u, self.surface.mesh().n_vertices())?;
         let [mut positive, mut negative] = self.take_systems()?;
         let (first, second) = rayon::join(
             || self.solve(u, 1.0, &mut positive),
@@ -150,27 +150,27 @@ impl Distortion {
             // The paper's equation determines minus the log scale factor.
             system.solution.iter().map(|s| -s).collect()
         });
-        give_back(&self.systems, [positive, negative]);
+        self.systems.give_back([positive, negative]);
         Ok(scales)
     }
 
     fn take_systems(&self) -> Result<[System; 2]> {
-        if let Some(systems) = take(&self.systems) {
+        if let Some(systems) = self.systems.take() {
             return Ok(systems);
         }
-        Ok([System::new(&self.mesh)?, System::new(&self.mesh)?])
+        Ok([System::new(&self.surface)?, System::new(&self.surface)?])
     }
 
     /// Solves A\[u\] s = b\[u\] for one phase.
     fn solve(&self, u: &[f64], sign: f64, system: &mut System) -> Result<()> {
-        let mesh = &*self.mesh;
+        let mesh = self.surface.mesh();
         let curvature = mesh.angle_defects();
         for (i, c) in system.indicator.iter_mut().enumerate() {
             let inside = self.weight.as_ref().map_or(1.0, |w| w[i]);
             *c = inside * chi(sign * u[i], self.delta);
             let at = self.law.at(*c, self.epsilon, self.eta);
             system.penalty[i] = mesh.mass()[i] * at.penalty;
-            system.solution[i] = if mesh.on_border()[i] {
+            system.solution[i] = if mesh.on_boundary()[i] {
                 0.0
             } else {
                 curvature[i] * at.source
@@ -179,9 +179,9 @@ impl Distortion {
         if self.law == Law::Paper {
             system.stiffness.refill(mesh, &system.indicator, self.eta);
         }
-        mesh.lower_triangle()?.fill(
-            mesh.pattern(),
-            system.stiffness.edge_values(),
+        self.surface.dirichlet_system()?.fill(
+            mesh,
+            &system.stiffness,
             &system.penalty,
             &mut system.values,
         );
@@ -192,7 +192,7 @@ impl Distortion {
     /// J of one phase; leaves its derivative by the vertex values of u in `system.gradient`.
     fn evaluate(&self, u: &[f64], sign: f64, system: &mut System) -> Result<f64> {
         self.solve(u, sign, system)?;
-        let mesh = &*self.mesh;
+        let mesh = self.surface.mesh();
         let mut value = 0.0;
         for i in 0..u.len() {
             let moment = mesh.mass()[i] * system.solution[i];
@@ -229,13 +229,13 @@ impl Distortion {
 }
 
 impl System {
-    fn new(mesh: &TriangleMesh) -> Result<Self> {
-        let n = mesh.n_vertices();
-        let lower = mesh.lower_triangle()?;
+    fn new(surface: &Surface) -> Result<Self> {
+        let n = surface.mesh().n_vertices();
+        let matrix = surface.dirichlet_system()?;
         Ok(Self {
-            cholesky: Cholesky::new(lower.analysis())?,
-            stiffness: Stiffness::new(mesh),
-            values: vec![0.0; lower.len()],
+            cholesky: Cholesky::new(matrix.symbolic())?,
+            stiffness: Stiffness::new(surface.mesh()),
+            values: vec![0.0; matrix.len()],
             indicator: vec![0.0; n],
             penalty: vec![0.0; n],
             solution: vec![0.0; n],
@@ -247,7 +247,7 @@ impl System {
 
 impl Functional for Distortion {
     fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
-        check_vector("u", u, self.mesh.n_vertices())?;
+        check_vector("u", u, self.surface.mesh().n_vertices())?;
         check_length("gradient", gradient.len(), u.len())?;
         let [mut positive, mut negative] = self.take_systems()?;
         let (first, second) = rayon::join(
@@ -261,23 +261,25 @@ impl Functional for Distortion {
         {
             *g = a + b;
         }
-        give_back(&self.systems, [positive, negative]);
+        self.systems.give_back([positive, negative]);
         Ok(value)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::check_gradient;
     use super::*;
-    use crate::mesh::tests::{grid, torus};
+    use crate::mesh::TriangleMesh;
+    use crate::testing::{check_gradient, grid, torus};
 
     #[test]
     fn gradients() {
         for mesh in [
-            Arc::new(grid(16, 14, |x, y| (3.0 * x).sin() * (2.0 * y).cos())),
-            Arc::new(torus(24, 12, 0.4)),
+            grid(16, 14, |x, y| (3.0 * x).sin() * (2.0 * y).cos()),
+            torus(24, 12, 0.4),
         ] {
+            let surface = Arc::new(Surface::new(mesh));
+            let mesh = surface.mesh();
             let u: Vec<f64> = mesh
                 .vertices()
                 .iter()
@@ -291,7 +293,7 @@ mod tests {
             for law in [Law::Paper, Law::Sharp] {
                 for weight in [None, Some(&weight[..])] {
                     let functional =
-                        Distortion::new(mesh.clone(), law, 0.2, 0.02, 1e-3, weight).unwrap();
+                        Distortion::new(surface.clone(), law, 0.2, 0.02, 1e-3, weight).unwrap();
                     check_gradient(&functional, &u, 1e-6);
                 }
             }
@@ -300,10 +302,11 @@ mod tests {
 
     #[test]
     fn flat_sheet_has_nothing_to_distort() {
-        let mesh = Arc::new(grid(20, 20, |_, _| 0.0));
+        let surface = Arc::new(Surface::new(grid(20, 20, |_, _| 0.0)));
+        let mesh = surface.mesh();
         let u: Vec<f64> = mesh.vertices().iter().map(|p| 2.0 * p[0] - 1.0).collect();
         for law in [Law::Paper, Law::Sharp] {
-            let functional = Distortion::new(mesh.clone(), law, 0.1, 0.01, 1e-6, None).unwrap();
+            let functional = Distortion::new(surface.clone(), law, 0.1, 0.01, 1e-6, None).unwrap();
             let mut gradient = vec![0.0; u.len()];
             let value = functional.value_and_gradient(&u, &mut gradient).unwrap();
             assert!(value < 1e-20, "{value}");
@@ -336,7 +339,8 @@ mod tests {
     #[test]
     fn needles_are_solved() {
         for degrees in [0.5, 0.1, 0.01] {
-            let mesh = Arc::new(needles(degrees));
+            let surface = Arc::new(Surface::new(needles(degrees)));
+            let mesh = surface.mesh();
             let mixed = mesh.vertices().iter().map(|p| (4.0 * p[0] - 2.0).tanh());
             let n = mesh.n_vertices();
             let fields = [vec![1.0; n], vec![-1.0; n], vec![0.0; n], mixed.collect()];
@@ -348,7 +352,7 @@ mod tests {
             for law in [Law::Paper, Law::Sharp] {
                 for weight in [None, Some(&weight[..])] {
                     let functional =
-                        Distortion::new(mesh.clone(), law, 0.1, 0.01, 1e-6, weight).unwrap();
+                        Distortion::new(surface.clone(), law, 0.1, 0.01, 1e-6, weight).unwrap();
                     let mut gradient = vec![0.0; n];
                     for u in &fields {
                         let value = functional.value_and_gradient(u, &mut gradient).unwrap();
@@ -365,9 +369,10 @@ mod tests {
     fn singular_matrix_is_no_nan() {
         // The printed law has no penalty left for a pure phase of a closed surface: rounding decides
         // whether the last pivot, and so J, is a huge number or none.
-        let mesh = Arc::new(torus(24, 12, 0.4));
+        let surface = Arc::new(Surface::new(torus(24, 12, 0.4)));
+        let mesh = surface.mesh();
         let n = mesh.n_vertices();
-        let functional = Distortion::new(mesh, Law::Paper, 0.1, 0.01, 1e-3, None).unwrap();
+        let functional = Distortion::new(surface, Law::Paper, 0.1, 0.01, 1e-3, None).unwrap();
         match functional.value_and_gradient(&vec![1.0; n], &mut vec![0.0; n]) {
             Ok(value) => assert!(value.is_finite()),
             Err(error) => assert!(matches!(
@@ -380,8 +385,10 @@ mod tests {
     #[test]
     fn torus_halves_have_opposite_signs_of_scale() {
         // The outer half is curved like a sphere and shrinks inside, the inner half stretches.
-        let mesh = Arc::new(torus(60, 24, 0.4));
-        let functional = Distortion::new(mesh.clone(), Law::Sharp, 0.1, 0.01, 1e-6, None).unwrap();
+        let surface = Arc::new(Surface::new(torus(60, 24, 0.4)));
+        let mesh = surface.mesh();
+        let functional =
+            Distortion::new(surface.clone(), Law::Sharp, 0.1, 0.01, 1e-6, None).unwrap();
         let u: Vec<f64> = mesh
             .vertices()
             .iter()

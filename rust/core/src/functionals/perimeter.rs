@@ -5,13 +5,13 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::Functional;
-use crate::CHUNK;
 use crate::error::{
     Result, check_length, check_non_negative, check_positive, check_vector, check_weight,
 };
-use crate::mesh::TriangleMesh;
 use crate::operators::Stiffness;
+use crate::parallel::{CHUNK, ordered_sum};
 use crate::potentials::{psi, psi_prime, psi_second};
+use crate::surface::Surface;
 
 /// P\[u\] = eps/2 u^T S u + 1/eps m^T Psi(u), equation (5), and within a parent's indicator w
 /// P\[u\] = eps/2 u^T S^w u + 1/eps m^T ((w + eta) . Psi(u)) + 1/sigma m^T ((1 - w) . u^2),
@@ -20,7 +20,7 @@ use crate::potentials::{psi, psi_prime, psi_second};
 /// The sharp limit is sqrt(2) times the length of the interface.
 #[derive(Debug)]
 pub struct Perimeter {
-    mesh: Arc<TriangleMesh>,
+    surface: Arc<Surface>,
     epsilon: f64,
     stiffness: Stiffness,
     /// m (w + eta) / eps
@@ -34,14 +34,15 @@ impl Perimeter {
     ///
     /// # Errors
     /// `epsilon` that is not positive.
-    pub fn new(mesh: Arc<TriangleMesh>, epsilon: f64) -> Result<Self> {
+    pub fn new(surface: Arc<Surface>, epsilon: f64) -> Result<Self> {
         check_positive("epsilon", epsilon)?;
+        let mesh = surface.mesh();
         Ok(Self {
             epsilon,
-            stiffness: Stiffness::new(&mesh),
+            stiffness: Stiffness::new(mesh),
             well: mesh.mass().iter().map(|m| m / epsilon).collect(),
             confinement: Vec::new(),
-            mesh,
+            surface,
         })
     }
 
@@ -51,7 +52,7 @@ impl Perimeter {
     /// `epsilon` or `sigma` that is not positive, `eta` that is negative, `weight` of another
     /// length or outside [0, 1].
     pub fn weighted(
-        mesh: Arc<TriangleMesh>,
+        surface: Arc<Surface>,
         epsilon: f64,
         weight: &[f64],
         eta: f64,
@@ -60,14 +61,15 @@ impl Perimeter {
         check_positive("epsilon", epsilon)?;
         check_positive("sigma", sigma)?;
         check_non_negative("eta", eta)?;
+        let mesh = surface.mesh();
         check_weight("weight", weight, mesh.n_vertices())?;
         let mass = mesh.mass().iter().zip(weight);
         Ok(Self {
             epsilon,
-            stiffness: Stiffness::weighted(&mesh, weight, eta),
+            stiffness: Stiffness::weighted(mesh, weight, eta),
             well: mass.clone().map(|(m, w)| m * (w + eta) / epsilon).collect(),
             confinement: mass.map(|(m, w)| m * (1.0 - w) / sigma).collect(),
-            mesh,
+            surface,
         })
     }
 
@@ -77,19 +79,18 @@ impl Perimeter {
     /// # Errors
     /// `u` of another length or not finite.
     pub fn hessian(&self, u: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
-        check_vector("u", u, self.mesh.n_vertices())?;
+        let mesh = self.surface.mesh();
+        check_vector("u", u, mesh.n_vertices())?;
         let edge_values = self.stiffness.edge_values();
         let edges = edge_values.iter().map(|s| self.epsilon * s).collect();
-        let starts = self.mesh.pattern().row_starts();
-        let values = self.stiffness.values();
         let diagonal = u
             .par_iter()
             .with_min_len(CHUNK)
             .enumerate()
             .map(|(i, &ui)| {
-                let row: f64 = values[starts[i]..starts[i + 1]].iter().sum();
+                let diagonal = self.stiffness.diagonal(mesh.adjacency(), i);
                 let confinement = self.confinement.get(i).unwrap_or(&0.0);
-                self.well[i] * psi_second(ui) - self.epsilon * row + 2.0 * confinement
+                self.well[i] * psi_second(ui) + self.epsilon * diagonal + 2.0 * confinement
             })
             .collect();
         Ok((edges, diagonal))
@@ -98,11 +99,10 @@ impl Perimeter {
 
 impl Functional for Perimeter {
     fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
-        check_vector("u", u, self.mesh.n_vertices())?;
+        let mesh = self.surface.mesh();
+        check_vector("u", u, mesh.n_vertices())?;
         check_length("gradient", gradient.len(), u.len())?;
-        let pattern = self.mesh.pattern();
-        let values = self.stiffness.values();
-        let sums: Vec<f64> = gradient
+        let parts = gradient
             .par_chunks_mut(CHUNK)
             .enumerate()
             .map(|(chunk, gradient)| {
@@ -111,7 +111,7 @@ impl Functional for Perimeter {
                 for (offset, g) in gradient.iter_mut().enumerate() {
                     let i = first + offset;
                     let ui = u[i];
-                    let flux = self.epsilon * pattern.apply_row(values, u, i);
+                    let flux = self.epsilon * self.stiffness.apply_row(mesh.adjacency(), u, i);
                     sum += 0.5 * ui * flux + self.well[i] * psi(ui);
                     *g = flux + self.well[i] * psi_prime(ui);
                 }
@@ -123,23 +123,22 @@ impl Functional for Perimeter {
                     }
                 }
                 sum
-            })
-            .collect();
-        Ok(sums.iter().sum())
+            });
+        Ok(ordered_sum(parts))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{check_gradient, noise};
     use super::*;
-    use crate::mesh::tests::grid;
+    use crate::testing::{check_gradient, grid, noise};
 
     #[test]
     fn straight_interface_has_sqrt_two_times_its_length() {
-        let mesh = Arc::new(grid(200, 20, |_, _| 0.0));
+        let surface = Arc::new(Surface::new(grid(200, 20, |_, _| 0.0)));
+        let mesh = surface.mesh();
         let epsilon = 0.04;
-        let perimeter = Perimeter::new(mesh.clone(), epsilon).unwrap();
+        let perimeter = Perimeter::new(surface.clone(), epsilon).unwrap();
         let u: Vec<f64> = mesh
             .vertices()
             .iter()
@@ -152,24 +151,26 @@ mod tests {
 
     #[test]
     fn gradients() {
-        let mesh = Arc::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y));
+        let surface = Arc::new(Surface::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y)));
+        let mesh = surface.mesh();
         let u = noise(mesh.n_vertices());
-        check_gradient(&Perimeter::new(mesh.clone(), 0.1).unwrap(), &u, 1e-7);
+        check_gradient(&Perimeter::new(surface.clone(), 0.1).unwrap(), &u, 1e-7);
         let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
-        let weighted = Perimeter::weighted(mesh, 0.1, &weight, 1e-3, 0.5).unwrap();
+        let weighted = Perimeter::weighted(surface, 0.1, &weight, 1e-3, 0.5).unwrap();
         check_gradient(&weighted, &u, 1e-7);
     }
 
     #[test]
     fn hessian_is_the_derivative_of_the_gradient() {
-        let mesh = Arc::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y));
+        let surface = Arc::new(Surface::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y)));
+        let mesh = surface.mesh();
         let n = mesh.n_vertices();
         let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
         let u = noise(n);
         let direction: Vec<f64> = (0..n).map(|i| (i as f64 * 0.7 + 0.3).sin()).collect();
         for perimeter in [
-            Perimeter::new(mesh.clone(), 0.1).unwrap(),
-            Perimeter::weighted(mesh.clone(), 0.1, &weight, 1e-3, 0.5).unwrap(),
+            Perimeter::new(surface.clone(), 0.1).unwrap(),
+            Perimeter::weighted(surface.clone(), 0.1, &weight, 1e-3, 0.5).unwrap(),
         ] {
             let (edges, diagonal) = perimeter.hessian(&u).unwrap();
             let mut product: Vec<f64> = diagonal
@@ -195,7 +196,7 @@ mod tests {
                 assert!((difference - product[i]).abs() < 1e-8, "row {i}");
             }
         }
-        let perimeter = Perimeter::new(mesh, 0.1).unwrap();
+        let perimeter = Perimeter::new(surface, 0.1).unwrap();
         assert!(perimeter.hessian(&u[1..]).is_err());
     }
 }

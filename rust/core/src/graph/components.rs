@@ -91,7 +91,7 @@ pub fn label_components(mesh: &TriangleMesh, labels: &[i64]) -> Components {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::tests::grid;
+    use crate::testing::grid;
 
     #[test]
     fn stripes() {

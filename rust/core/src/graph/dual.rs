@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::Components;
-use crate::CHUNK;
+use super::components::Components;
 use crate::mesh::{NONE, TriangleMesh};
+use crate::parallel::CHUNK;
 
 /// Prices of the dual edges: crossing from face f over its half-edge k to g costs
 /// (price_f + price_g) scale\[f\]\[k\].
@@ -31,8 +31,8 @@ impl DualWeights<'_> {
     }
 }
 
-/// A step across a half-edge, of infinite length where there is none: at the border and within a
-/// component.
+/// A step across a half-edge, of infinite length where there is none: at the boundary and within
+/// a component.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     pub(super) length: f64,

@@ -1,9 +1,9 @@
 //! Regions of the faces that are nearest to each component, by one search from all of them.
 
-use super::dual::ContractedDual;
+use super::components::Components;
+use super::dual::{ContractedDual, DualWeights};
 use super::network::Link;
 use super::radix_heap::RadixHeap;
-use super::{Components, DualWeights};
 use crate::mesh::{NONE, TriangleMesh};
 
 /// What the search found out about a node.
@@ -27,7 +27,7 @@ pub struct Meeting {
 /// One search from all components at once and its buffers.
 ///
 /// Every node belongs to the component that is nearest to it. Two components whose regions touch
-/// are joined by the shortest path through that border; the shortest tree over these pairs is the
+/// are joined by the shortest path through their common boundary; the shortest tree over these pairs is the
 /// shortest over all pairs (Mehlhorn 1988).
 #[derive(Debug, Default)]
 pub struct Regions {

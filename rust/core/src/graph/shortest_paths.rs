@@ -1,15 +1,13 @@
 //! Shortest paths between all components.
 
-use std::sync::Mutex;
-
 use rayon::prelude::*;
 
-use super::dual::Step;
+use super::dual::{ContractedDual, DualWeights, Step};
+use super::network::{Link, Network, Tree};
 use super::radix_heap::RadixHeap;
 use super::regions::Regions;
-use super::{ContractedDual, DualWeights, Link, Network, Tree};
-use crate::buffers::{give_back, take};
 use crate::mesh::{NONE, TriangleMesh};
+use crate::parallel::Buffers;
 
 /// A way round has to be shorter by this part, lest rounding gives up both of two ways that are as
 /// long as each other.
@@ -29,15 +27,15 @@ const BLOCKS: usize = 16;
 ///
 /// The bounds B are distances in the network of the components whose [`Regions`] touch, together
 /// with the direct paths that the same search has found so far. Within its own region the distances
-/// from a component are known, so the search starts at the border of that.
+/// from a component are known, so the search starts at the boundary of that.
 #[derive(Debug, Default)]
 pub struct AllPairs {
     /// First of the regions that touch, then of the direct paths.
     network: Network,
     /// The half-edges that lead out of a region, each after the component of the region.
-    borders: Vec<(u32, u32)>,
+    boundaries: Vec<(u32, u32)>,
     direct: Vec<DirectPaths>,
-    searches: Mutex<Vec<Search>>,
+    searches: Buffers<Search>,
     blocks: Vec<Block>,
     /// Derivative by the length of each direct path.
     coefficients: Vec<f64>,
@@ -70,24 +68,31 @@ impl AllPairs {
         self.direct.iter_mut().for_each(DirectPaths::clear);
         let touching = regions.meetings.iter().map(|meeting| meeting.link);
         self.network.join(count, touching);
-        self.borders.clear();
+        self.boundaries.clear();
         regions.crossings(graph, |crossing| {
             let [here, _] = crossing.link.ends;
-            self.borders.push((here, crossing.half_edge));
+            self.boundaries.push((here, crossing.half_edge));
         });
-        self.borders.sort_unstable();
-        let (network, borders, searches) = (&self.network, &self.borders, &self.searches);
+        self.boundaries.sort_unstable();
+        let (network, boundaries, searches) = (&self.network, &self.boundaries, &self.searches);
         self.direct[..count]
             .par_iter_mut()
             .enumerate()
             .with_max_len(1)
             .for_each(|(source, paths)| {
                 let source = source as u32;
-                let start = borders.partition_point(|border| border.0 < source);
-                let end = borders.partition_point(|border| border.0 <= source);
-                let mut search = take(searches).unwrap_or_default();
-                search.run(graph, regions, network, &borders[start..end], source, paths);
-                give_back(searches, search);
+                let start = boundaries.partition_point(|side| side.0 < source);
+                let end = boundaries.partition_point(|side| side.0 <= source);
+                let mut search = searches.take().unwrap_or_default();
+                search.run(
+                    graph,
+                    regions,
+                    network,
+                    &boundaries[start..end],
+                    source,
+                    paths,
+                );
+                searches.give_back(search);
             });
         self.network.join(count, links(&self.direct));
     }
@@ -211,7 +216,7 @@ impl Search {
         graph: &ContractedDual,
         regions: &Regions,
         network: &Network,
-        border: &[(u32, u32)],
+        boundary: &[(u32, u32)],
         source: u32,
         found: &mut DirectPaths,
     ) {
@@ -221,7 +226,7 @@ impl Search {
         }
         network.shortest_paths(source, &mut self.bounds);
         self.heap.clear();
-        for &(_, half_edge) in border {
+        for &(_, half_edge) in boundary {
             let distance = regions.places[half_edge as usize / 3].distance;
             self.reach(regions, source, half_edge, graph.step(half_edge), distance);
         }
@@ -293,9 +298,8 @@ mod tests {
     use std::collections::VecDeque;
 
     use super::*;
-    use crate::functionals::tests::noise;
     use crate::graph::Components;
-    use crate::mesh::tests::{grid, torus};
+    use crate::testing::{grid, noise, torus};
 
     /// Distances of all faces from a component, without any contraction or bound.
     fn plain_distances(

@@ -1,80 +1,30 @@
-//! Sparse Cholesky factorisation: analyse once, refactor into the same buffers, solve.
+//! Sparse Cholesky factorisation: refactor into the same buffers, solve.
 //!
-//! Orders, elimination trees, patterns of factors, the column-by-column factorisation and the dense
-//! kernels are faer's; the factorisation by blocks is in `supernodal.rs`. All of it runs on one
-//! thread: callers that have two systems factor them side by side. Only the first factorisation
-//! on a thread and a solve with more right-hand sides than before allocate.
+//! The column-by-column factorisation and the dense kernels are faer's; the factorisation by blocks
+//! is in `supernodal.rs`. All of it runs on one thread: callers that have two systems factor them
+//! side by side. Only the first factorisation on a thread and a solve with more right-hand sides
+//! than before allocate.
 
 use std::sync::Arc;
 
-use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
+use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, LltRegularization};
+use faer::sparse::SparseColMatRef;
 use faer::sparse::linalg::cholesky::simplicial::{
-    SimplicialLltRef, SymbolicSimplicialCholesky, factorize_simplicial_numeric_llt,
-    factorize_simplicial_numeric_llt_scratch, factorize_simplicial_symbolic_cholesky,
-    factorize_simplicial_symbolic_cholesky_scratch, prefactorize_symbolic_cholesky,
-    prefactorize_symbolic_cholesky_scratch,
+    SimplicialLltRef, factorize_simplicial_numeric_llt, factorize_simplicial_numeric_llt_scratch,
 };
-use faer::sparse::linalg::cholesky::supernodal::{
-    factorize_supernodal_symbolic_cholesky, factorize_supernodal_symbolic_cholesky_scratch,
-};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, MatMut, Par};
 
-use super::ordering::{Graph, minimum_degree, nested_dissection};
-use super::supernodal::{Blocks, Supernodes};
+use super::memory::buffer;
+use super::supernodal::Blocks;
+use super::symbolic::{Pattern, SymbolicFactorisation};
 use crate::error::{Error, Result, check_length};
 
-/// Multiply-adds per entry of the factor above which dense blocks pay. Both factorisations take
-/// the same time at 162 vertices of a sphere, blocks a half to a third of it from 642 on; faer's own
-/// figure, for its own blocks, is 40.
-const SUPERNODAL_RATIO: f64 = 10.0;
-
-/// Which numeric factorisation to use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Factorisation {
-    /// By the ratio of arithmetic to entries.
-    #[default]
-    Automatic,
-    /// Column by column.
-    Simplicial,
-    /// By dense blocks of columns.
-    Supernodal,
-}
-
-/// How to find an order of elimination of little fill.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ordering {
-    /// Approximate minimum degree, the quickest to find: for a matrix that is factored once.
-    MinimumDegree,
-    /// Approximate minimum degree or nested dissection, whichever takes less arithmetic: for a
-    /// pattern that is factored many times.
-    LeastWork,
-}
-
-/// The symbolic factorisation of all matrices of one sparsity pattern.
-#[derive(Debug)]
-pub struct Analysis {
-    /// Row that is eliminated at each step.
-    order: Vec<u32>,
-    /// Place in the permuted triangle of each entry of the caller's pattern.
-    slots: Vec<u32>,
-    symbolic: Symbolic,
-}
-
-#[derive(Debug)]
-enum Symbolic {
-    Simplicial {
-        symbolic: SymbolicSimplicialCholesky<u32>,
-        upper: SymbolicSparseColMat<u32>,
-    },
-    Supernodal(Supernodes),
-}
-
 /// The Cholesky factor A = L L^T of symmetric positive definite matrices of one sparsity
-/// pattern. Factors of the same pattern share its analysis.
+/// pattern. Factors of one pattern share its symbolic
+/// factorisation.
 pub struct Cholesky {
-    analysis: Arc<Analysis>,
+    symbolic: Arc<SymbolicFactorisation>,
     /// Values of the permuted triangle.
     values: Vec<f64>,
     factor: Vec<f64>,
@@ -84,198 +34,33 @@ pub struct Cholesky {
     stack: MemBuffer,
 }
 
-/// One triangle of the permuted matrix, rows ascending, and the place there of each entry of the
-/// caller's lower triangle.
-struct Permuted {
-    pattern: SymbolicSparseColMat<u32>,
-    slots: Vec<u32>,
-}
-
-#[derive(Clone, Copy)]
-enum Triangle {
-    Lower,
-    Upper,
-}
-
-impl Analysis {
-    /// Analyses the pattern of the lower triangle, by columns: the rows of column j, diagonal
-    /// included, are `rows[column_starts[j]..column_starts[j + 1]]`.
-    ///
-    /// # Errors
-    /// [`Error::OutOfMemory`].
-    pub fn new(
-        column_starts: &[usize],
-        rows: &[u32],
-        ordering: Ordering,
-        factorisation: Factorisation,
-    ) -> Result<Self> {
-        let n = column_starts.len() - 1;
-        let graph = Graph::new(column_starts, rows);
-        let mut order = minimum_degree(&graph)?;
-        let mut upper = permute(column_starts, rows, &order, Triangle::Upper);
-        let mut counts = column_counts(&upper.pattern)?;
-        if ordering == Ordering::LeastWork {
-            let other = nested_dissection(&graph)?;
-            let other_upper = permute(column_starts, rows, &other, Triangle::Upper);
-            let other_counts = column_counts(&other_upper.pattern)?;
-            if work(&other_counts) < work(&counts) {
-                (order, upper, counts) = (other, other_upper, other_counts);
-            }
-        }
-        let supernodal = match factorisation {
-            Factorisation::Automatic => {
-                let entries: f64 = counts.iter().map(|&count| f64::from(count)).sum();
-                work(&counts) > SUPERNODAL_RATIO * entries
-            }
-            Factorisation::Simplicial => false,
-            Factorisation::Supernodal => true,
-        };
-        let mut memory = buffer(
-            n,
-            StackReq::any_of(&[
-                prefactorize_symbolic_cholesky_scratch::<u32>(n, rows.len()),
-                factorize_simplicial_symbolic_cholesky_scratch::<u32>(n),
-                factorize_supernodal_symbolic_cholesky_scratch::<u32>(n),
-            ]),
-        )?;
-        let stack = MemStack::new(&mut memory);
-        let mut parents = vec![0; n];
-        let pattern = upper.pattern.as_ref();
-        let tree = prefactorize_symbolic_cholesky(&mut parents, &mut counts, pattern, stack);
-        if supernodal {
-            let symbolic = factorize_supernodal_symbolic_cholesky(
-                pattern,
-                tree,
-                &counts,
-                stack,
-                Default::default(),
-            )
-            .map_err(|_| out_of_memory(n))?;
-            let lower = permute(column_starts, rows, &order, Triangle::Lower);
-            Ok(Self {
-                order,
-                slots: lower.slots,
-                symbolic: Symbolic::Supernodal(Supernodes::new(&symbolic, lower.pattern.as_ref())),
-            })
-        } else {
-            let symbolic = factorize_simplicial_symbolic_cholesky(pattern, tree, &counts, stack)
-                .map_err(|_| out_of_memory(n))?;
-            Ok(Self {
-                order,
-                slots: upper.slots,
-                symbolic: Symbolic::Simplicial {
-                    symbolic,
-                    upper: upper.pattern,
-                },
-            })
-        }
-    }
-
-    /// Number of rows.
-    pub fn size(&self) -> usize {
-        self.order.len()
-    }
-
-    /// Entries of the factor that are stored.
-    pub fn factor_entries(&self) -> usize {
-        match &self.symbolic {
-            Symbolic::Simplicial { symbolic, .. } => symbolic.len_val(),
-            Symbolic::Supernodal(supernodes) => supernodes.factor_entries(),
-        }
-    }
-}
-
-fn permute(column_starts: &[usize], rows: &[u32], order: &[u32], triangle: Triangle) -> Permuted {
-    let n = order.len();
-    let mut step = vec![0_u32; n];
-    for (k, &row) in order.iter().enumerate() {
-        step[row as usize] = k as u32;
-    }
-    let mut entries = Vec::with_capacity(rows.len());
-    for j in 0..n {
-        for e in column_starts[j]..column_starts[j + 1] {
-            let (a, b) = (step[rows[e] as usize], step[j]);
-            let (low, high) = (a.min(b), a.max(b));
-            entries.push(match triangle {
-                Triangle::Lower => (low, high, e),
-                Triangle::Upper => (high, low, e),
-            });
-        }
-    }
-    entries.sort_unstable();
-    let mut starts = vec![0_u32; n + 1];
-    let mut slots = vec![0; rows.len()];
-    for (slot, &(column, _, e)) in entries.iter().enumerate() {
-        starts[column as usize + 1] = slot as u32 + 1;
-        slots[e] = slot as u32;
-    }
-    let rows = entries.iter().map(|&(_, row, _)| row).collect();
-    Permuted {
-        pattern: SymbolicSparseColMat::new_checked(n, n, starts, None, rows),
-        slots,
-    }
-}
-
-/// Entries of each column of the factor, by the upper triangle of the matrix.
-fn column_counts(upper: &SymbolicSparseColMat<u32>) -> Result<Vec<u32>> {
-    let n = upper.ncols();
-    let mut memory = buffer(
-        n,
-        prefactorize_symbolic_cholesky_scratch::<u32>(n, upper.row_idx().len()),
-    )?;
-    let (mut parents, mut counts) = (vec![0; n], vec![0; n]);
-    let stack = MemStack::new(&mut memory);
-    prefactorize_symbolic_cholesky(&mut parents, &mut counts, upper.as_ref(), stack);
-    Ok(counts)
-}
-
-/// Multiply-adds of a factorisation.
-fn work(counts: &[u32]) -> f64 {
-    counts
-        .iter()
-        .map(|&count| 0.5 * f64::from(count) * (f64::from(count) + 1.0))
-        .sum()
-}
-
-pub(super) fn buffer(size: usize, request: StackReq) -> Result<MemBuffer> {
-    MemBuffer::try_new(request).map_err(|_| out_of_memory(size))
-}
-
-pub(super) fn out_of_memory(size: usize) -> Error {
-    Error::OutOfMemory {
-        argument: "matrix",
-        size,
-        unit: "unknowns",
-    }
-}
-
 impl Cholesky {
     /// Makes the buffers of one factor.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub fn new(analysis: Arc<Analysis>) -> Result<Self> {
-        let n = analysis.size();
-        let (blocks, request) = match &analysis.symbolic {
-            Symbolic::Simplicial { .. } => (
+    pub fn new(symbolic: Arc<SymbolicFactorisation>) -> Result<Self> {
+        let n = symbolic.size();
+        let (blocks, request) = match &symbolic.pattern {
+            Pattern::Simplicial { .. } => (
                 Blocks::default(),
                 factorize_simplicial_numeric_llt_scratch::<u32, f64>(n),
             ),
-            Symbolic::Supernodal(supernodes) => (supernodes.blocks(), supernodes.scratch()),
+            Pattern::Supernodal(supernodes) => (supernodes.blocks(), supernodes.scratch()),
         };
         Ok(Self {
-            values: vec![0.0; analysis.slots.len()],
-            factor: vec![0.0; analysis.factor_entries()],
+            values: vec![0.0; symbolic.slots.len()],
+            factor: vec![0.0; symbolic.factor_entries()],
             permuted: vec![0.0; n],
             blocks,
             stack: buffer(n, request)?,
-            analysis,
+            symbolic,
         })
     }
 
     /// Number of rows.
     pub fn size(&self) -> usize {
-        self.analysis.size()
+        self.symbolic.size()
     }
 
     /// Factors the matrix with these lower-triangle values, in the order of the caller's pattern.
@@ -283,12 +68,12 @@ impl Cholesky {
     /// # Errors
     /// [`Error::NotPositiveDefinite`] names the row whose pivot is not a positive number.
     pub fn factor(&mut self, values: &[f64]) -> Result<()> {
-        let analysis = &*self.analysis;
-        check_length("values", values.len(), analysis.slots.len())?;
+        let symbolic = &*self.symbolic;
+        check_length("values", values.len(), symbolic.slots.len())?;
         let stack = MemStack::new(&mut self.stack);
-        let placed = values.iter().zip(&analysis.slots);
-        let outcome = match &analysis.symbolic {
-            Symbolic::Simplicial { symbolic, upper } => {
+        let placed = values.iter().zip(&symbolic.slots);
+        let outcome = match &symbolic.pattern {
+            Pattern::Simplicial { symbolic, upper } => {
                 for (&value, &slot) in placed {
                     self.values[slot as usize] = value;
                 }
@@ -303,7 +88,7 @@ impl Cholesky {
                 // This one counts from 1.
                 .map_err(|LltError::NonPositivePivot { index }| index - 1)
             }
-            Symbolic::Supernodal(supernodes) => {
+            Pattern::Supernodal(supernodes) => {
                 for (&value, &slot) in placed {
                     let slot = slot as usize;
                     if self.values[slot].to_bits() != value.to_bits() {
@@ -316,8 +101,8 @@ impl Cholesky {
         };
         outcome.map_err(|step| Error::NotPositiveDefinite {
             argument: "matrix",
-            size: analysis.size(),
-            vertex: analysis.order[step] as usize,
+            size: symbolic.size(),
+            vertex: symbolic.order()[step] as usize,
         })
     }
 
@@ -326,8 +111,8 @@ impl Cholesky {
     /// # Errors
     /// [`Error::Length`] where `columns` is no multiple of the size.
     pub fn solve(&mut self, columns: &mut [f64]) -> Result<()> {
-        let analysis = &*self.analysis;
-        let size = analysis.size();
+        let symbolic = &*self.symbolic;
+        let size = symbolic.size();
         let n_columns = columns.len() / size;
         check_length("columns", columns.len(), n_columns * size)?;
         if columns.len() > self.permuted.len() {
@@ -335,24 +120,24 @@ impl Cholesky {
         }
         let permuted = &mut self.permuted[..columns.len()];
         for (to, from) in permuted.chunks_mut(size).zip(columns.chunks(size)) {
-            for (value, &row) in to.iter_mut().zip(&analysis.order) {
+            for (value, &row) in to.iter_mut().zip(symbolic.order()) {
                 *value = from[row as usize];
             }
         }
-        match &analysis.symbolic {
-            Symbolic::Simplicial { symbolic, .. } => SimplicialLltRef::new(symbolic, &self.factor)
+        match &symbolic.pattern {
+            Pattern::Simplicial { symbolic, .. } => SimplicialLltRef::new(symbolic, &self.factor)
                 .solve_in_place_with_conj(
                     Conj::No,
                     MatMut::from_column_major_slice_mut(permuted, size, n_columns),
                     Par::Seq,
                     MemStack::new(&mut self.stack),
                 ),
-            Symbolic::Supernodal(supernodes) => {
+            Pattern::Supernodal(supernodes) => {
                 supernodes.solve(&self.factor, permuted, &mut self.blocks);
             }
         }
         for (from, to) in self.permuted.chunks(size).zip(columns.chunks_mut(size)) {
-            for (&value, &row) in from.iter().zip(&analysis.order) {
+            for (&value, &row) in from.iter().zip(symbolic.order()) {
                 to[row as usize] = value;
             }
         }
@@ -363,25 +148,8 @@ impl Cholesky {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Lower triangle of the five-point Laplacian plus `shift` on a k x k grid.
-    fn laplacian(k: usize, shift: f64) -> (Vec<usize>, Vec<u32>, Vec<f64>) {
-        let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
-        for j in 0..k * k {
-            rows.push(j as u32);
-            values.push(4.0 + shift);
-            if (j + 1) % k != 0 {
-                rows.push(j as u32 + 1);
-                values.push(-1.0);
-            }
-            if j + k < k * k {
-                rows.push((j + k) as u32);
-                values.push(-1.0);
-            }
-            starts.push(rows.len());
-        }
-        (starts, rows, values)
-    }
+    use crate::linear::{Factorisation, Ordering};
+    use crate::testing::laplacian;
 
     fn residual(starts: &[usize], rows: &[u32], values: &[f64], x: &[f64], b: &[f64]) -> f64 {
         let mut r = b.to_vec();
@@ -400,8 +168,9 @@ mod tests {
     const BOTH: [Factorisation; 2] = [Factorisation::Simplicial, Factorisation::Supernodal];
 
     fn factor_of(starts: &[usize], rows: &[u32], factorisation: Factorisation) -> Cholesky {
-        let analysis = Analysis::new(starts, rows, Ordering::LeastWork, factorisation).unwrap();
-        Cholesky::new(Arc::new(analysis)).unwrap()
+        let symbolic =
+            SymbolicFactorisation::new(starts, rows, Ordering::LeastWork, factorisation).unwrap();
+        Cholesky::new(Arc::new(symbolic)).unwrap()
     }
 
     #[test]
@@ -409,8 +178,9 @@ mod tests {
         let (starts, rows, values) = laplacian(30, 0.01);
         for factorisation in BOTH {
             for ordering in [Ordering::MinimumDegree, Ordering::LeastWork] {
-                let analysis = Analysis::new(&starts, &rows, ordering, factorisation).unwrap();
-                let mut cholesky = Cholesky::new(Arc::new(analysis)).unwrap();
+                let symbolic =
+                    SymbolicFactorisation::new(&starts, &rows, ordering, factorisation).unwrap();
+                let mut cholesky = Cholesky::new(Arc::new(symbolic)).unwrap();
                 for (scale, n_columns) in [(1.0, 1), (3.0, 3), (0.1, 2)] {
                     let scaled: Vec<f64> = values.iter().map(|v| v * scale).collect();
                     cholesky.factor(&scaled).unwrap();
@@ -500,17 +270,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn nested_dissection_saves_work_on_surfaces() {
-        let (starts, rows, _) = laplacian(100, 0.0);
-        let graph = Graph::new(&starts, &rows);
-        let work_of = |order: &[u32]| {
-            let upper = permute(&starts, &rows, order, Triangle::Upper);
-            work(&column_counts(&upper.pattern).unwrap())
-        };
-        let dissected = work_of(&nested_dissection(&graph).unwrap());
-        assert!(dissected < 0.8 * work_of(&minimum_degree(&graph).unwrap()));
     }
 }

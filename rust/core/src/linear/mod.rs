@@ -1,7 +1,11 @@
 //! Sparse linear solvers.
 
-pub mod cholesky;
+mod cholesky;
+mod memory;
 mod ordering;
 mod supernodal;
+mod symbolic;
 
-pub use cholesky::{Analysis, Cholesky, Factorisation, Ordering};
+pub use cholesky::Cholesky;
+pub use ordering::Ordering;
+pub use symbolic::{Factorisation, SymbolicFactorisation};

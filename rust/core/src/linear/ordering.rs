@@ -1,11 +1,11 @@
 //! Orders of elimination of sparse symmetric matrices: approximate minimum degree, and nested
 //! dissection (George 1973; Lipton, Rose, Tarjan 1979) for the graphs of surfaces.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::dyn_stack::MemStack;
 use faer::sparse::SymbolicSparseColMatRef;
 use faer::sparse::linalg::amd;
 
-use super::cholesky::out_of_memory;
+use super::memory::{buffer, out_of_memory};
 use crate::error::Result;
 
 /// Size below which a part is not dissected further.
@@ -16,6 +16,16 @@ const SWEEPS: usize = 10;
 const LARGEST_IMBALANCE: f64 = 0.5;
 /// Passes of the refinement; most separators settle in two.
 const PASSES: usize = 4;
+
+/// How to find an order of elimination of little fill.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ordering {
+    /// Approximate minimum degree, the quickest to find: for a matrix that is factored once.
+    MinimumDegree,
+    /// Approximate minimum degree or nested dissection, whichever takes less arithmetic: for a
+    /// pattern that is factored many times.
+    LeastWork,
+}
 
 /// Adjacency of an undirected graph without loops.
 pub(super) struct Graph {
@@ -133,8 +143,7 @@ pub(super) fn minimum_degree(graph: &Graph) -> Result<Vec<u32>> {
         rows.extend(graph.around(v).filter(|&w| w < v).map(|w| w as u32));
         starts.push(rows.len() as u32);
     }
-    let mut memory = MemBuffer::try_new(amd::order_maybe_unsorted_scratch::<u32>(n, rows.len()))
-        .map_err(|_| out_of_memory(n))?;
+    let mut memory = buffer(n, amd::order_maybe_unsorted_scratch::<u32>(n, rows.len()))?;
     let (mut order, mut inverse) = (vec![0; n], vec![0; n]);
     amd::order_maybe_unsorted(
         &mut order,

@@ -1,7 +1,8 @@
-//! Finite-element operators of section 3: the cotangent stiffness, plain and weighted.
+//! Finite-element operators of section 3: the cotangent stiffness, plain and weighted, and the
+//! systems that it makes.
 
-mod lower_triangle;
+mod dirichlet;
 mod stiffness;
 
-pub use lower_triangle::LowerTriangle;
-pub use stiffness::{Stiffness, StiffnessPattern};
+pub use dirichlet::DirichletSystem;
+pub use stiffness::Stiffness;

@@ -1,79 +1,29 @@
-//! Cotangent stiffness S_ij = integral w grad theta_i . grad theta_j on one fixed pattern.
+//! Cotangent stiffness S_ij = integral w grad theta_i . grad theta_j.
 
 use rayon::prelude::*;
 
-use crate::CHUNK;
-use crate::mesh::{NONE, TriangleMesh};
+use crate::mesh::{Adjacency, NONE, TriangleMesh};
+use crate::parallel::CHUNK;
 
-/// The sparsity pattern of all stiffness matrices of a mesh: the off-diagonal entries by rows,
-/// columns ascending, each with the edge that it belongs to. The diagonal is minus the sum of
-/// its row and is not stored.
-#[derive(Debug)]
-pub struct StiffnessPattern {
-    row_starts: Vec<usize>,
-    columns: Vec<u32>,
-    edge_of_entry: Vec<u32>,
-}
-
-impl StiffnessPattern {
-    pub(crate) fn new(n: usize, edges: &[[u32; 2]]) -> Self {
-        let mut row_starts = vec![0_usize; n + 1];
-        for edge in edges {
-            row_starts[edge[0] as usize + 1] += 1;
-            row_starts[edge[1] as usize + 1] += 1;
-        }
-        for i in 0..n {
-            row_starts[i + 1] += row_starts[i];
-        }
-        let mut columns = vec![0; 2 * edges.len()];
-        let mut edge_of_entry = vec![0; 2 * edges.len()];
-        let mut cursor = row_starts.clone();
-        // Edges are sorted, so smaller columns of a row come first: lower part, then upper part.
-        for (e, &[a, b]) in edges.iter().enumerate() {
-            let entry = cursor[b as usize];
-            columns[entry] = a;
-            edge_of_entry[entry] = e as u32;
-            cursor[b as usize] += 1;
-        }
-        for (e, &[a, b]) in edges.iter().enumerate() {
-            let entry = cursor[a as usize];
-            columns[entry] = b;
-            edge_of_entry[entry] = e as u32;
-            cursor[a as usize] += 1;
-        }
-        Self {
-            row_starts,
-            columns,
-            edge_of_entry,
-        }
-    }
-
-    pub fn row_starts(&self) -> &[usize] {
-        &self.row_starts
-    }
-
-    pub fn columns(&self) -> &[u32] {
-        &self.columns
-    }
-
-    pub fn edge_of_entry(&self) -> &[u32] {
-        &self.edge_of_entry
-    }
-
-    /// (S u)_i = sum_j S_ij (u_j - u_i), exact zero on constants.
-    #[inline]
-    pub(crate) fn apply_row(&self, values: &[f64], u: &[f64], i: usize) -> f64 {
-        let entries = self.row_starts[i]..self.row_starts[i + 1];
-        let ui = u[i];
-        self.columns[entries.clone()]
-            .iter()
-            .zip(&values[entries])
-            .map(|(&j, &s)| s * (u[j as usize] - ui))
-            .sum()
-    }
-}
-
-/// The off-diagonal values of a stiffness matrix on the pattern of its mesh.
+/// The off-diagonal values of a stiffness matrix: one for each entry of the mesh's [`Adjacency`].
+/// The diagonal is minus the sum of its row and is not stored.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::TriangleMesh;
+/// use phaseatlas_core::operators::Stiffness;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// let mesh = TriangleMesh::new(corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// // Right angles face the diagonal, angles of 45 degrees the sides.
+/// let expected = [-0.5, 0.0, -0.5, -0.5, -0.5];
+/// for (value, expected) in Stiffness::new(&mesh).edge_values().iter().zip(expected) {
+///     assert!((value - expected).abs() < 1e-15);
+/// }
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Stiffness {
     edge_values: Vec<f64>,
@@ -82,10 +32,11 @@ pub struct Stiffness {
 
 impl Stiffness {
     /// The stiffness of the surface itself, w = 1.
+    #[must_use]
     pub fn new(mesh: &TriangleMesh) -> Self {
         let mut stiffness = Self {
             edge_values: vec![0.0; mesh.edges().len()],
-            values: vec![0.0; mesh.pattern().columns.len()],
+            values: vec![0.0; mesh.adjacency().edges().len()],
         };
         stiffness.fill(mesh, |_| 1.0);
         stiffness
@@ -93,10 +44,11 @@ impl Stiffness {
 
     /// The stiffness weighted with a vertex quantity, its value in a face the mean of the corners
     /// (midpoint quadrature, section 4), plus the constant `offset`.
+    #[must_use]
     pub fn weighted(mesh: &TriangleMesh, weight: &[f64], offset: f64) -> Self {
         let mut stiffness = Self {
             edge_values: vec![0.0; mesh.edges().len()],
-            values: vec![0.0; mesh.pattern().columns.len()],
+            values: vec![0.0; mesh.adjacency().edges().len()],
         };
         stiffness.refill(mesh, weight, offset);
         stiffness
@@ -128,7 +80,7 @@ impl Stiffness {
         let edge_values = &self.edge_values;
         self.values
             .par_chunks_mut(CHUNK)
-            .zip(mesh.pattern().edge_of_entry.par_chunks(CHUNK))
+            .zip(mesh.adjacency().edges().par_chunks(CHUNK))
             .for_each(|(values, edges)| {
                 for (value, &edge) in values.iter_mut().zip(edges) {
                     *value = edge_values[edge as usize];
@@ -136,12 +88,33 @@ impl Stiffness {
             });
     }
 
-    /// Off-diagonal values in the order of the pattern.
+    /// (S u)_i = sum_j S_ij (u_j - u_i), exact zero on constants.
+    #[inline]
+    pub(crate) fn apply_row(&self, adjacency: &Adjacency, u: &[f64], i: usize) -> f64 {
+        let entries = adjacency.starts()[i]..adjacency.starts()[i + 1];
+        let ui = u[i];
+        adjacency.vertices()[entries.clone()]
+            .iter()
+            .zip(&self.values[entries])
+            .map(|(&j, &s)| s * (u[j as usize] - ui))
+            .sum()
+    }
+
+    /// S_ii.
+    #[inline]
+    pub(crate) fn diagonal(&self, adjacency: &Adjacency, i: usize) -> f64 {
+        let row = &self.values[adjacency.starts()[i]..adjacency.starts()[i + 1]];
+        -row.iter().sum::<f64>()
+    }
+
+    /// Off-diagonal values in the order of the mesh's [`Adjacency`].
+    #[must_use]
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
     /// One value an edge, S_ij for the edge (i, j).
+    #[must_use]
     pub fn edge_values(&self) -> &[f64] {
         &self.edge_values
     }
@@ -150,7 +123,7 @@ impl Stiffness {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::tests::grid;
+    use crate::testing::grid;
 
     #[test]
     fn exact_on_linear_functions() {
@@ -158,7 +131,7 @@ mod tests {
         let stiffness = Stiffness::new(&mesh);
         let u: Vec<f64> = mesh.vertices().iter().map(|p| 2.0 * p[0] - p[1]).collect();
         let energy: f64 = (0..mesh.n_vertices())
-            .map(|i| u[i] * mesh.pattern().apply_row(stiffness.values(), &u, i))
+            .map(|i| u[i] * stiffness.apply_row(mesh.adjacency(), &u, i))
             .sum();
         assert!((energy - 5.0).abs() < 1e-12);
     }
@@ -171,16 +144,6 @@ mod tests {
         let weighted = Stiffness::weighted(&mesh, &ones, 1.0);
         for (a, b) in plain.values().iter().zip(weighted.values()) {
             assert!((2.0 * a - b).abs() < 1e-14);
-        }
-    }
-
-    #[test]
-    fn columns_ascend() {
-        let mesh = grid(5, 4, |_, _| 0.0);
-        let pattern = mesh.pattern();
-        for i in 0..mesh.n_vertices() {
-            let row = &pattern.columns()[pattern.row_starts()[i]..pattern.row_starts()[i + 1]];
-            assert!(row.is_sorted());
         }
     }
 }

@@ -1,16 +1,23 @@
 //! Connectedness of the phases, equation (3).
 
-use std::sync::{Arc, Mutex};
+mod pairs;
+mod phase;
+mod tree;
+
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::Functional;
-use crate::CHUNK;
-use crate::buffers::{give_back, take};
 use crate::error::{Error, Result, check_length, check_positive, check_vector, check_weight};
-use crate::graph::{AllPairs, Components, ContractedDual, DualWeights, Network, Regions, Tree};
+use crate::graph::{Components, ContractedDual, DualWeights, Regions};
 use crate::mesh::{NONE, TriangleMesh};
+use crate::parallel::{Buffers, CHUNK};
 use crate::potentials::ConnectednessLaws;
+use crate::surface::Surface;
+use pairs::Pairs;
+use phase::{Phase, Saturation};
+use tree::SpanningTree;
 
 /// Faces where the parent's indicator is smaller than this lie outside the parent: they belong to
 /// no component, and paths pay F(0) more there, so that none is free whatever u is.
@@ -50,19 +57,41 @@ pub enum Form {
 ///
 /// The masses may saturate: W / (W + w) with an area w in place of W holds components that are
 /// small beside the whole as firmly as large ones, as long as they are not small beside w.
+///
+/// # Examples
+/// ```
+/// use std::sync::Arc;
+///
+/// use phaseatlas_core::functionals::{Connectedness, Functional, Phases};
+/// use phaseatlas_core::{Surface, TriangleMesh};
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// // A strip of six triangles.
+/// let vertices = (0..8).map(|i| [f64::from(i / 2), f64::from(i % 2), 0.0]).collect();
+/// let faces = [[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 6, 5], [5, 6, 7]];
+/// let strip = Arc::new(Surface::new(TriangleMesh::new(vertices, &faces)?));
+/// let positive = Connectedness::new(strip, 0.5, None, Phases::Positive)?;
+/// let both_ends = [1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0];
+/// assert_eq!(positive.components(&both_ends)?, (2, 0));
+/// let mut gradient = [0.0; 8];
+/// assert!(positive.value_and_gradient(&both_ends, &mut gradient)? > 0.0);
+/// assert_eq!(positive.value_and_gradient(&[1.0; 8], &mut gradient)?, 0.0);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Connectedness {
-    mesh: Arc<TriangleMesh>,
+    surface: Arc<Surface>,
     laws: ConnectednessLaws,
     phases: Phases,
     form: Form,
-    saturation: Option<f64>,
+    saturation: Saturation,
     /// area x mean w of every face
     measure: Vec<f64>,
     inside: Vec<bool>,
     /// (D_f + D_g) / 4 / w of every half-edge, so that the weight is (F_f + F_g) scale
     scale: Vec<[f64; 3]>,
-    workspaces: Mutex<Vec<[Workspace; 2]>>,
+    workspaces: Buffers<[Workspace; 2]>,
 }
 
 /// The buffers of one phase's evaluation.
@@ -75,24 +104,21 @@ struct Workspace {
     components: Components,
     /// W_i
     masses: Vec<f64>,
-    /// what counts for W_i
-    saturated: Vec<f64>,
     /// derivative by W_i
     potential: Vec<f64>,
     graph: ContractedDual,
     regions: Regions,
-    pairs: AllPairs,
-    network: Network,
-    tree: Tree,
-    /// mass of a component and all that hangs on it
-    beyond: Vec<f64>,
+    pairs: Pairs,
+    tree: SpanningTree,
 }
 
 impl Connectedness {
+    /// Measures the distances between all pairs, with masses that do not saturate and H = 1 at 1.
+    ///
     /// # Errors
     /// `threshold` outside (0, 1), `weight` of another length or outside [0, 1].
     pub fn new(
-        mesh: Arc<TriangleMesh>,
+        surface: Arc<Surface>,
         threshold: f64,
         weight: Option<&[f64]>,
         phases: Phases,
@@ -105,6 +131,7 @@ impl Connectedness {
                 expected: "in (0, 1)",
             });
         }
+        let mesh = surface.mesh();
         if let Some(weight) = weight {
             check_weight("weight", weight, mesh.n_vertices())?;
         }
@@ -131,15 +158,15 @@ impl Connectedness {
             })
             .collect();
         Ok(Self {
-            mesh,
+            surface,
             laws: ConnectednessLaws::new(threshold, 1.0),
             phases,
             form: Form::Pairs,
-            saturation: None,
+            saturation: Saturation::default(),
             measure,
             inside,
             scale,
-            workspaces: Mutex::default(),
+            workspaces: Buffers::default(),
         })
     }
 
@@ -148,7 +175,7 @@ impl Connectedness {
     /// # Errors
     /// `inside` of another length than there are faces.
     pub fn within(self, inside: &[bool]) -> Result<Self> {
-        check_length("inside", inside.len(), self.mesh.n_faces())?;
+        check_length("inside", inside.len(), self.mesh().n_faces())?;
         Ok(Self {
             inside: inside.to_vec(),
             ..self
@@ -168,7 +195,7 @@ impl Connectedness {
     pub fn with_saturation(self, saturation: f64) -> Result<Self> {
         check_positive("saturation", saturation)?;
         Ok(Self {
-            saturation: Some(saturation),
+            saturation: Saturation(Some(saturation)),
             ..self
         })
     }
@@ -197,7 +224,7 @@ impl Connectedness {
     /// # Errors
     /// As [`Functional::value_and_gradient`].
     pub fn components(&self, u: &[f64]) -> Result<(usize, usize)> {
-        check_vector("u", u, self.mesh.n_vertices())?;
+        check_vector("u", u, self.mesh().n_vertices())?;
         let count = |sign: f64| {
             let mut workspace = Workspace::default();
             self.find_components(u, sign, &mut workspace);
@@ -206,8 +233,12 @@ impl Connectedness {
         Ok((count(1.0), count(-1.0)))
     }
 
+    fn mesh(&self) -> &TriangleMesh {
+        self.surface.mesh()
+    }
+
     fn find_components(&self, u: &[f64], sign: f64, workspace: &mut Workspace) {
-        let mesh = &*self.mesh;
+        let mesh = self.mesh();
         let laws = self.laws;
         let m = mesh.n_faces();
         workspace.values.resize(m, 0.0);
@@ -248,7 +279,7 @@ impl Connectedness {
             return 0.0;
         }
         let laws = self.laws;
-        workspace.face_gradient.resize(self.mesh.n_faces(), 0.0);
+        workspace.face_gradient.resize(self.mesh().n_faces(), 0.0);
         workspace.price.clear();
         let prices = workspace.values.iter().zip(&self.inside);
         workspace.price.extend(
@@ -256,128 +287,51 @@ impl Connectedness {
         );
         workspace.potential.clear();
         workspace.potential.resize(count, 0.0);
-        let weights = DualWeights {
-            price: &workspace.price,
-            scale: &self.scale,
-        };
-        let (graph, components) = (&mut workspace.graph, &workspace.components);
-        graph.contract(&self.mesh, weights, components);
-        workspace.regions.grow(graph, components);
-        let value = match self.form {
-            Form::Pairs => self.sum_pairs(workspace),
-            Form::Tree => self.sum_tree(workspace),
-        };
-        for (c, &slope) in workspace.potential.iter().enumerate() {
-            for &f in workspace.components.faces_of(c) {
-                let f = f as usize;
-                workspace.face_gradient[f] +=
-                    slope * self.measure[f] * laws.h_prime(workspace.values[f]);
-            }
-        }
-        value
-    }
-
-    /// The sum over all pairs, its derivative by the masses in `potential`, by the face values
-    /// along the paths in `face_gradient`.
-    fn sum_pairs(&self, workspace: &mut Workspace) -> f64 {
         let Workspace {
             price,
             face_gradient,
             values,
+            components,
             masses,
-            saturated,
             potential,
             graph,
             regions,
             pairs,
-            ..
-        } = workspace;
-        saturated.clear();
-        saturated.extend(masses.iter().map(|&mass| self.saturate(mass).0));
-        pairs.search(graph, regions);
-        pairs.differentiate(saturated, potential);
-        let weights = DualWeights {
-            price,
-            scale: &self.scale,
-        };
-        pairs.accumulate_paths(&self.mesh, weights, |f, a| {
-            let f = f as usize;
-            face_gradient[f] += a * self.laws.f_prime(values[f]);
-        });
-        let mut value = 0.0;
-        for ((row, &weight), &mass) in potential.iter_mut().zip(&*saturated).zip(&*masses) {
-            value += 0.5 * weight * *row;
-            *row *= self.saturate(mass).1;
-        }
-        value
-    }
-
-    /// As [`Self::sum_pairs`], with the distances along the shortest spanning tree.
-    fn sum_tree(&self, workspace: &mut Workspace) -> f64 {
-        let Workspace {
-            price,
-            face_gradient,
-            values,
-            masses,
-            potential,
-            regions,
-            network,
             tree,
-            beyond,
-            ..
         } = workspace;
         let weights = DualWeights {
             price,
             scale: &self.scale,
         };
-        let meetings = &regions.meetings;
-        network.join(masses.len(), meetings.iter().map(|meeting| meeting.link));
-        network.spanning_tree(0, tree);
-        beyond.clear();
-        beyond.extend_from_slice(masses);
-        for &child in tree.order[1..].iter().rev() {
-            beyond[tree.parents[child as usize] as usize] += beyond[child as usize];
-        }
-        let total = beyond[0];
-        let (mut value, mut rest) = (0.0, 0.0);
-        for &child in &tree.order[1..] {
-            let child = child as usize;
-            let parent = tree.parents[child] as usize;
-            let meeting = &meetings[tree.links[child] as usize];
-            let length = meeting.link.length;
-            let (near, near_slope) = self.saturate(total - beyond[child]);
-            let (far, far_slope) = self.saturate(beyond[child]);
-            let factor = 2.0 * near * far;
-            value += factor * length;
-            regions.accumulate_path(&self.mesh, weights, meeting, factor, |f, a| {
+        graph.contract(self.mesh(), weights, components);
+        regions.grow(graph, components);
+        let phase = Phase {
+            mesh: self.mesh(),
+            weights,
+            masses,
+            saturation: self.saturation,
+            graph,
+            regions,
+        };
+        let add = |f: u32, a: f64| {
+            let f = f as usize;
+            face_gradient[f] += a * laws.f_prime(values[f]);
+        };
+        let value = match self.form {
+            Form::Pairs => pairs.sum(&phase, potential, add),
+            Form::Tree => tree.sum(&phase, potential, add),
+        };
+        for (c, &slope) in potential.iter().enumerate() {
+            for &f in components.faces_of(c) {
                 let f = f as usize;
-                face_gradient[f] += a * self.laws.f_prime(values[f]);
-            });
-            // By the masses on the root's side, which are all but those beyond.
-            let here = 2.0 * near_slope * far * length;
-            let there = 2.0 * near * far_slope * length;
-            rest += here;
-            potential[child] = potential[parent] + there - here;
-        }
-        for slope in potential {
-            *slope += rest;
-        }
-        value
-    }
-
-    /// What counts for the mass W, itself or W / (W + w), and its derivative.
-    fn saturate(&self, mass: f64) -> (f64, f64) {
-        match self.saturation {
-            None => (mass, 1.0),
-            Some(area) => {
-                let sum = mass + area;
-                (mass / sum, area / (sum * sum))
+                face_gradient[f] += slope * self.measure[f] * laws.h_prime(values[f]);
             }
         }
+        value
     }
 
     fn scatter(&self, face_gradient: &[f64], factor: f64, gradient: &mut [f64]) {
-        for (face, &g) in self.mesh.faces().iter().zip(face_gradient) {
+        for (face, &g) in self.mesh().faces().iter().zip(face_gradient) {
             if g != 0.0 {
                 for &v in face {
                     gradient[v as usize] += factor * g / 3.0;
@@ -389,10 +343,10 @@ impl Connectedness {
 
 impl Functional for Connectedness {
     fn value_and_gradient(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
-        check_vector("u", u, self.mesh.n_vertices())?;
+        check_vector("u", u, self.mesh().n_vertices())?;
         check_length("gradient", gradient.len(), u.len())?;
         gradient.fill(0.0);
-        let mut workspaces = take(&self.workspaces).unwrap_or_default();
+        let mut workspaces = self.workspaces.take().unwrap_or_default();
         let [positive, negative] = &mut workspaces;
         let (first, second) = rayon::join(
             || match self.phases {
@@ -410,16 +364,15 @@ impl Functional for Connectedness {
         if second.is_some() {
             self.scatter(&negative.face_gradient, -1.0, gradient);
         }
-        give_back(&self.workspaces, workspaces);
+        self.workspaces.give_back(workspaces);
         Ok(first.unwrap_or(0.0) + second.unwrap_or(0.0))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::check_gradient;
     use super::*;
-    use crate::mesh::tests::grid;
+    use crate::testing::{check_gradient, grid};
 
     fn bumps(mesh: &TriangleMesh, height: f64) -> Vec<f64> {
         let bump = |p: &[f64; 3], x: f64| {
@@ -434,21 +387,23 @@ mod tests {
 
     #[test]
     fn gradients_with_three_components() {
-        let mesh = Arc::new(grid(40, 30, |x, y| 0.1 * (6.0 * x).sin() * y));
-        let functional = Connectedness::new(mesh.clone(), 0.8, None, Phases::Both).unwrap();
-        let u = bumps(&mesh, 1.8);
+        let surface = Arc::new(Surface::new(grid(40, 30, |x, y| 0.1 * (6.0 * x).sin() * y)));
+        let mesh = surface.mesh();
+        let functional = Connectedness::new(surface.clone(), 0.8, None, Phases::Both).unwrap();
+        let u = bumps(mesh, 1.8);
         assert_eq!(functional.components(&u).unwrap().0, 3);
         check_gradient(&functional, &u, 1e-5);
         let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
-        let weighted = Connectedness::new(mesh, 0.8, Some(&weight), Phases::Both).unwrap();
+        let weighted = Connectedness::new(surface, 0.8, Some(&weight), Phases::Both).unwrap();
         check_gradient(&weighted, &u, 1e-5);
     }
 
     #[test]
     fn gradients_of_the_tree_and_of_saturated_masses() {
-        let mesh = Arc::new(grid(40, 30, |x, y| 0.1 * (6.0 * x).sin() * y));
-        let u = bumps(&mesh, 1.8);
-        let new = || Connectedness::new(mesh.clone(), 0.3, None, Phases::Both).unwrap();
+        let surface = Arc::new(Surface::new(grid(40, 30, |x, y| 0.1 * (6.0 * x).sin() * y)));
+        let mesh = surface.mesh();
+        let u = bumps(mesh, 1.8);
+        let new = || Connectedness::new(surface.clone(), 0.3, None, Phases::Both).unwrap();
         for functional in [
             new().with_form(Form::Tree),
             new().with_saturation(0.01).unwrap(),
@@ -462,9 +417,10 @@ mod tests {
     #[test]
     fn tree_of_bumps_in_a_row_is_all_pairs() {
         // The way between the outer two leads through the middle one, along the tree.
-        let mesh = Arc::new(grid(40, 30, |_, _| 0.0));
-        let u = bumps(&mesh, 1.8);
-        let new = || Connectedness::new(mesh.clone(), 0.8, None, Phases::Positive).unwrap();
+        let surface = Arc::new(Surface::new(grid(40, 30, |_, _| 0.0)));
+        let mesh = surface.mesh();
+        let u = bumps(mesh, 1.8);
+        let new = || Connectedness::new(surface.clone(), 0.8, None, Phases::Positive).unwrap();
         let (mut a, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
         let tree = new().with_form(Form::Tree);
         let tree = tree.value_and_gradient(&u, &mut a).unwrap();
@@ -476,8 +432,9 @@ mod tests {
 
     #[test]
     fn zero_exactly_when_connected() {
-        let mesh = Arc::new(grid(20, 20, |_, _| 0.0));
-        let functional = Connectedness::new(mesh.clone(), 0.8, None, Phases::Both).unwrap();
+        let surface = Arc::new(Surface::new(grid(20, 20, |_, _| 0.0)));
+        let mesh = surface.mesh();
+        let functional = Connectedness::new(surface.clone(), 0.8, None, Phases::Both).unwrap();
         let u: Vec<f64> = mesh.vertices().iter().map(|p| 4.0 * p[0] - 2.0).collect();
         let mut gradient = vec![1.0; u.len()];
         assert_eq!(
@@ -487,7 +444,7 @@ mod tests {
         assert!(gradient.iter().all(|&g| g == 0.0));
         assert!(
             functional
-                .value_and_gradient(&bumps(&mesh, 1.8), &mut gradient)
+                .value_and_gradient(&bumps(mesh, 1.8), &mut gradient)
                 .unwrap()
                 > 0.0
         );
@@ -495,10 +452,11 @@ mod tests {
 
     #[test]
     fn phases_mirror() {
-        let mesh = Arc::new(grid(30, 30, |_, _| 0.0));
-        let positive = Connectedness::new(mesh.clone(), 0.8, None, Phases::Positive).unwrap();
-        let negative = Connectedness::new(mesh.clone(), 0.8, None, Phases::Negative).unwrap();
-        let u = bumps(&mesh, 1.8);
+        let surface = Arc::new(Surface::new(grid(30, 30, |_, _| 0.0)));
+        let mesh = surface.mesh();
+        let positive = Connectedness::new(surface.clone(), 0.8, None, Phases::Positive).unwrap();
+        let negative = Connectedness::new(surface.clone(), 0.8, None, Phases::Negative).unwrap();
+        let u = bumps(mesh, 1.8);
         let minus: Vec<f64> = u.iter().map(|x| -x).collect();
         let (mut a, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
         let first = positive.value_and_gradient(&u, &mut a).unwrap();
