@@ -10,7 +10,6 @@ use meshes::{Case, Random, cases, distance, unit};
 use phaseatlas_core::functionals::{
     Area, Connectedness, Distortion, Form, Functional, Law, Perimeter, Phases,
 };
-use phaseatlas_core::potentials::ConnectednessLaws;
 
 type WithForm = fn(Connectedness) -> Connectedness;
 
@@ -87,7 +86,7 @@ fn noise(case: &Case, count: usize) -> Vec<f64> {
 fn connectedness(case: &Case) -> Connectedness {
     Connectedness::new(
         case.surface.clone(),
-        ConnectednessLaws::default_threshold(case.epsilon),
+        1.0 - case.epsilon.sqrt(),
         None,
         Phases::Positive,
     )

@@ -74,7 +74,9 @@ fn linear(criterion: &mut Criterion) {
         let matrices = [1.0, 1.0 + 1e-9].map(|scale| {
             let mut values = vec![0.0; system.len()];
             system.fill(mesh, &stiffness, &penalty, &mut values);
-            values.iter_mut().for_each(|value| *value *= scale);
+            for value in &mut values {
+                *value *= scale;
+            }
             values
         });
         let mut matrices = matrices.iter().cycle();
@@ -83,7 +85,7 @@ fn linear(criterion: &mut Criterion) {
             bencher.iter(|| {
                 cholesky
                     .factor(matrices.next().expect("a cycle has no end"))
-                    .expect("the matrix is positive definite")
+                    .expect("the matrix is positive definite");
             });
         });
         let mut column = weight.clone();

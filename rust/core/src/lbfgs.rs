@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use rayon::prelude::*;
 
-use crate::error::{Error, Result, check_length, check_vector};
+use crate::error::{Result, check_length, check_parameter, check_vector};
 use crate::parallel::CHUNK;
 
 /// A pair is kept only where its curvature s . y is more than this part of |s| |y|: without
@@ -19,6 +19,22 @@ const LEAST_CURVATURE: f64 = 1e-10;
 /// with R the upper triangle of S^T Y, D its diagonal and gamma = s . y / y . y of the last pair.
 /// Its products with all pairs are taken together, by all threads; those of the two-loop recursion
 /// wait for one another.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::lbfgs::LimitedMemory;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// // Two steps on the quadratic with the Hessian diag(1, 4) tell all of it.
+/// let mut memory = LimitedMemory::new(2, 5)?;
+/// memory.update(&[1.0, 0.0], &[1.0, 0.0])?;
+/// memory.update(&[0.0, 1.0], &[0.0, 4.0])?;
+/// let mut direction = [0.0; 2];
+/// memory.direction(&[3.0, 8.0], &mut direction)?;
+/// assert_eq!(direction, [-3.0, -2.0]);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct LimitedMemory {
     n: usize,
@@ -46,13 +62,7 @@ impl LimitedMemory {
     /// # Errors
     /// `capacity` of 0.
     pub fn new(n: usize, capacity: usize) -> Result<Self> {
-        if capacity == 0 {
-            return Err(Error::Parameter {
-                argument: "capacity",
-                value: 0.0,
-                expected: "at least 1",
-            });
-        }
+        check_parameter("capacity", capacity as f64, capacity > 0, "at least 1")?;
         Ok(Self {
             n,
             capacity,
@@ -244,12 +254,16 @@ mod tests {
         let mut alphas = Vec::new();
         for (s, y) in pairs.iter().rev() {
             let alpha = dot(s, &q) / dot(s, y);
-            q.iter_mut().zip(y).for_each(|(q, y)| *q -= alpha * y);
+            for (q, y) in q.iter_mut().zip(y) {
+                *q -= alpha * y;
+            }
             alphas.push(alpha);
         }
         if let Some((s, y)) = pairs.last() {
             let gamma = dot(s, y) / dot(y, y);
-            q.iter_mut().for_each(|q| *q *= gamma);
+            for q in &mut q {
+                *q *= gamma;
+            }
         }
         for ((s, y), alpha) in pairs.iter().zip(alphas.iter().rev()) {
             let beta = dot(y, &q) / dot(s, y);

@@ -5,7 +5,7 @@
 
 use std::str;
 
-use crate::{Error, Result};
+use crate::error::{Error, Result};
 
 /// Polygons over points, as the file lists them.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -3,6 +3,7 @@
 
 /// Double well Psi(u) = 9/16 (u^2 - 1)^2, section 3.
 #[inline]
+#[must_use]
 pub fn psi(u: f64) -> f64 {
     let w = u * u - 1.0;
     0.5625 * w * w
@@ -10,12 +11,14 @@ pub fn psi(u: f64) -> f64 {
 
 /// Psi'(u) = 9/4 u (u^2 - 1).
 #[inline]
+#[must_use]
 pub fn psi_prime(u: f64) -> f64 {
     2.25 * u * (u * u - 1.0)
 }
 
 /// Psi''(u) = 9/4 (3 u^2 - 1).
 #[inline]
+#[must_use]
 pub fn psi_second(u: f64) -> f64 {
     2.25 * (3.0 * u * u - 1.0)
 }
@@ -23,6 +26,7 @@ pub fn psi_second(u: f64) -> f64 {
 /// Diffuse indicator chi(u) of the positive phase, section 3: a cubic from 0 at -(1 - delta) to
 /// 1 at 1 - delta, C1, with chi(-u) = 1 - chi(u).
 #[inline]
+#[must_use]
 pub fn chi(u: f64, delta: f64) -> f64 {
     let r = 1.0 - delta;
     if u <= -r {
@@ -37,6 +41,7 @@ pub fn chi(u: f64, delta: f64) -> f64 {
 
 /// chi'(u) = 3 (r^2 - u^2) / (4 r^3) within |u| < r = 1 - delta, else 0.
 #[inline]
+#[must_use]
 pub fn chi_prime(u: f64, delta: f64) -> f64 {
     let r = 1.0 - delta;
     if u.abs() >= r {
@@ -49,6 +54,7 @@ pub fn chi_prime(u: f64, delta: f64) -> f64 {
 /// chi''(u) = -3 u / (2 r^3) within |u| < r = 1 - delta, else 0: chi' has kinks at |u| = r, where
 /// chi'' jumps by 3 / (2 r^2).
 #[inline]
+#[must_use]
 pub fn chi_second(u: f64, delta: f64) -> f64 {
     let r = 1.0 - delta;
     if u.abs() >= r {
@@ -58,8 +64,9 @@ pub fn chi_second(u: f64, delta: f64) -> f64 {
     }
 }
 
-/// The laws F and H of the connectedness functional (3) with complementary supports: F > 0
-/// exactly below the threshold a = 1 - sqrt(epsilon), H > 0 exactly above it (Dondl, Novaga,
+/// The laws F and H of the connectedness functional (3).
+///
+/// Their supports are complementary: F > 0 exactly below the threshold a = 1 - sqrt(epsilon), H > 0 exactly above it (Dondl, Novaga,
 /// Wojtowytsch, Wolff-Vorbeck 2021). Both are C1, so C does not jump when a face joins a
 /// component.
 #[derive(Debug, Clone, Copy)]
@@ -69,8 +76,9 @@ pub struct ConnectednessLaws {
 }
 
 impl ConnectednessLaws {
-    /// The laws with the threshold `a`, [`Self::default_threshold`] for the paper's, and H = 1
-    /// from `plateau` on, 1 for the paper's.
+    /// The laws with the threshold `a`, 1 - sqrt(epsilon) in the paper, and H = 1 from `plateau` on,
+    /// 1 in the paper.
+    #[must_use]
     pub fn new(threshold: f64, plateau: f64) -> Self {
         Self {
             threshold,
@@ -78,37 +86,39 @@ impl ConnectednessLaws {
         }
     }
 
-    /// a = 1 - sqrt(epsilon).
-    pub fn default_threshold(epsilon: f64) -> f64 {
-        1.0 - epsilon.sqrt()
-    }
-
     /// a: a face belongs to a component where its value is at least this.
     #[inline]
+    #[must_use]
     pub fn threshold(&self) -> f64 {
         self.threshold
     }
 
     /// F(u) = (u - a)^2 below a, else 0: the price of a path.
     #[inline]
+    #[must_use]
     pub fn f(&self, u: f64) -> f64 {
         let t = (u - self.threshold).min(0.0);
         t * t
     }
 
+    /// F'(u) = 2 (u - a) below a, else 0.
     #[inline]
+    #[must_use]
     pub fn f_prime(&self, u: f64) -> f64 {
         2.0 * (u - self.threshold).min(0.0)
     }
 
     /// H(u): the cubic 3 t^2 - 2 t^3 with t from 0 at a to 1 on the plateau: the mass of a component.
     #[inline]
+    #[must_use]
     pub fn h(&self, u: f64) -> f64 {
         let t = ((u - self.threshold) / self.width).clamp(0.0, 1.0);
         t * t * (3.0 - 2.0 * t)
     }
 
+    /// H'(u).
     #[inline]
+    #[must_use]
     pub fn h_prime(&self, u: f64) -> f64 {
         let t = ((u - self.threshold) / self.width).clamp(0.0, 1.0);
         6.0 * t * (1.0 - t) / self.width

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::error::{Error, Result, try_filled};
+use crate::error::{Error, Result, check_parameter, try_filled};
 
 /// Largest side of a texture in texels: an offset between two of its rows takes 16 bits.
 pub const MAX_RESOLUTION: usize = 32768;
@@ -37,6 +37,20 @@ pub struct Raster {
 /// side. Texel (row, column) has its centre at u = (column + 1/2) / resolution, v = 1 - (row + 1/2) / resolution.
 /// Triangles are clipped to the texture; those without area and those with a corner that is not finite
 /// cover nothing. Trailing corners that make no whole triangle are ignored.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::raster::rasterize;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// // The left half of the texture.
+/// let half = [[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.0, 0.0], [0.5, 1.0], [0.0, 1.0]];
+/// let raster = rasterize(&half, 4)?;
+/// assert_eq!(raster.face[..4], [1, 1, -1, -1]);
+/// assert_eq!(raster.count.iter().map(|&count| usize::from(count)).sum::<usize>(), 8);
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Errors
 /// `resolution` outside 1..=[`MAX_RESOLUTION`], more triangles than indices of 31 bits hold,
@@ -73,13 +87,8 @@ pub(crate) struct Strips<Corners> {
 
 impl<Corners: AsRef<[[f64; 2]]>> Strips<Corners> {
     pub(crate) fn new(uv: Corners, resolution: usize) -> Result<Self> {
-        if !(1..=MAX_RESOLUTION).contains(&resolution) {
-            return Err(Error::Parameter {
-                argument: "resolution",
-                value: resolution as f64,
-                expected: "a number of texels in 1..32768",
-            });
-        }
+        let legal = (1..=MAX_RESOLUTION).contains(&resolution);
+        check_parameter("resolution", resolution as f64, legal, "in 1..32768 texels")?;
         let (corners, _) = uv.as_ref().as_chunks::<3>();
         if corners.len() > i32::MAX as usize {
             return Err(Error::TooLarge {
@@ -381,8 +390,8 @@ mod tests {
     fn overlap_is_counted_and_the_first_face_wins() {
         let one = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
         let raster = rasterize(&[one, one, one].concat(), 10).unwrap();
-        let full = raster.count.iter().filter(|&&count| count == 3).count();
-        assert_eq!(full, covered(&raster));
+        assert!(raster.count.iter().all(|count| [0, 3].contains(count)));
+        assert!(covered(&raster) > 0);
         assert!(raster.face.iter().all(|&face| face <= 0));
         let many = one.repeat(300);
         assert_eq!(rasterize(&many, 10).unwrap().count.iter().max(), Some(&255));

@@ -48,12 +48,10 @@ impl Surface {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn dirichlet_system(&self) -> Result<&DirichletSystem> {
-        match self.dirichlet_system.get() {
-            Some(system) => Ok(system),
-            None => {
-                let system = DirichletSystem::new(&self.mesh, Ordering::LeastWork)?;
-                Ok(self.dirichlet_system.get_or_init(|| system))
-            }
+        if let Some(system) = self.dirichlet_system.get() {
+            return Ok(system);
         }
+        let system = DirichletSystem::new(&self.mesh, Ordering::LeastWork)?;
+        Ok(self.dirichlet_system.get_or_init(|| system))
     }
 }

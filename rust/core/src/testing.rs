@@ -69,7 +69,7 @@ pub(crate) fn laplacian(k: usize, shift: f64) -> (Vec<usize>, Vec<u32>, Vec<f64>
 /// A deterministic, irregular phase field in [-1, 1].
 pub(crate) fn noise(n: usize) -> Vec<f64> {
     (0..n)
-        .map(|i| ((i as f64 * 12.9898).sin() * 43758.5453).fract())
+        .map(|i| ((i as f64 * 12.9898).sin() * 43_758.545_3).fract())
         .collect()
 }
 
@@ -78,8 +78,8 @@ pub(crate) fn numbers(seed: u64) -> impl FnMut() -> u32 {
     let mut state = seed;
     move || {
         state = state
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as u32
     }
 }

@@ -1,6 +1,8 @@
 //! Evaluations allocate nothing once their buffers are there. One test, since the counter sees the
 //! whole process.
 
+#![expect(unsafe_code, reason = "the trait of allocators is unsafe")]
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -52,7 +54,7 @@ fn sheet() -> TriangleMesh {
         let [a, b, c, d] = [v, v + 1, v + K + 2, v + K + 1].map(|v| v as i64);
         faces.extend([[a, b, c], [a, c, d]]);
     }
-    TriangleMesh::new(vertices, &faces).unwrap()
+    TriangleMesh::new(vertices, &faces).expect("a sheet is a valid mesh")
 }
 
 /// Lower triangle of the five-point Laplacian on a K x K grid.
@@ -82,7 +84,9 @@ fn nothing_is_allocated_after_the_first_call() {
         let mut columns = vec![1.0; 2 * K * K];
         let mut doubled = values.clone();
         let mut both = || {
-            doubled.iter_mut().for_each(|value| *value *= 2.0);
+            for value in &mut doubled {
+                *value *= 2.0;
+            }
             cholesky.factor(&doubled).unwrap();
             cholesky.solve(&mut columns).unwrap();
         };

@@ -1,5 +1,10 @@
 //! Python bindings of `phaseatlas-core`: conversions, errors and the release of the GIL.
 
+#![allow(
+    clippy::needless_pass_by_value,
+    reason = "pyo3 makes the arguments of a call"
+)]
+
 mod bake;
 mod flatten;
 mod functionals;

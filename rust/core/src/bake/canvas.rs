@@ -9,7 +9,8 @@ use crate::raster::STRIP;
 
 pub(super) const CHANNELS: usize = 3;
 
-/// Bytes that baking takes for each texel: three for its colour, two for its [`Canvas::reach`].
+/// Bytes that baking takes for each texel: three for its colour, two for the way to
+/// the nearest painted one.
 pub const BYTES_PER_TEXEL: usize = CHANNELS + size_of::<i16>();
 
 /// No texel of the column is painted.

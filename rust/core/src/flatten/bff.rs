@@ -9,6 +9,7 @@ use crate::operators::{DirichletSystem, Stiffness};
 /// A flattening and its log scale factor, one value a vertex.
 #[derive(Debug)]
 pub struct Bff {
+    /// The map, one point a vertex.
     pub uv: Vec<[f64; 2]>,
     /// u of the flat metric e^{2 u} g, 0 on the boundary: the least distorted among the conformal
     /// ones (Springborn, Schroeder, Pinkall 2008).
@@ -20,6 +21,22 @@ pub struct Bff {
 /// The Yamabe equation with u = 0 on the boundary gives the scale; its flux bends the boundary, whose
 /// edges keep their length but for the least change that closes the curve; the curve is
 /// extended harmonically to the inside.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::TriangleMesh;
+/// use phaseatlas_core::flatten::bff;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// // A square in space, folded along no edge, keeps its sides.
+/// let corners = vec![[0.0; 3], [0.0, 3.0, 0.0], [0.0, 3.0, 3.0], [0.0, 0.0, 3.0]];
+/// let square = TriangleMesh::new(corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let flat = bff(&square)?;
+/// let side = (0..2).map(|k| flat.uv[1][k] - flat.uv[0][k]).map(|x| x * x).sum::<f64>().sqrt();
+/// assert!((side - 3.0).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Errors
 /// [`Error::Topology`] for a mesh that is no disk, [`Error::NotPositiveDefinite`].

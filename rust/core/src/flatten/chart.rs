@@ -6,6 +6,21 @@ use crate::mesh::TriangleMesh;
 
 /// A connected set of faces of a surface as a topological disk: vertices where it is cut, or
 /// where it touches itself, stand once on each side.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::TriangleMesh;
+/// use phaseatlas_core::flatten::ChartMesh;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// let square = TriangleMesh::new(corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let chart = ChartMesh::new(&square, &[1])?;
+/// assert_eq!(chart.vertices, [0, 2, 3]);
+/// assert_eq!((chart.euler_characteristic, chart.cut_length), (1, 0.0));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct ChartMesh {
     /// The disk.

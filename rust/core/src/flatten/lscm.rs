@@ -22,6 +22,21 @@ const TOLERANCE: f64 = 1e-9;
 /// Returns one point a vertex. The scale is such that the area in the plane equals that of the
 /// mesh; the orientation is kept.
 ///
+/// # Examples
+/// ```
+/// use phaseatlas_core::TriangleMesh;
+/// use phaseatlas_core::flatten::lscm;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// let corners = vec![[0.0; 3], [0.0, 3.0, 0.0], [0.0, 3.0, 3.0], [0.0, 0.0, 3.0]];
+/// let square = TriangleMesh::new(corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let uv = lscm(&square)?;
+/// let side = (0..2).map(|k| uv[1][k] - uv[0][k]).map(|x| x * x).sum::<f64>().sqrt();
+/// assert!((side - 3.0).abs() < 1e-6);
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// [`Error::Topology`] for a mesh that is no disk, [`Error::NotPositiveDefinite`] where
 /// rounding spoils the factorisation of extreme needles.
@@ -180,7 +195,9 @@ fn normalise(x: &mut [f64], boundary: &[usize], n: usize) {
         .map(|&v| x[v] * x[v] + x[n + v] * x[n + v])
         .sum::<f64>()
         .sqrt();
-    x.iter_mut().for_each(|value| *value /= norm);
+    for value in x {
+        *value /= norm;
+    }
 }
 
 /// Turns the map to the previous one: each eigenvalue is double, since the rotation of a map

@@ -10,6 +10,21 @@ use crate::potentials::{chi, chi_prime, chi_second};
 
 /// A_alpha\[u\] = m^T (w . chi(u)), equations (2) and (10): the area of the positive phase, within
 /// the parent's indicator w (w = 1 on the first level).
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::TriangleMesh;
+/// use phaseatlas_core::functionals::{Area, Functional};
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// let square = TriangleMesh::new(corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let area = Area::new(&square, 0.01, None)?;
+/// let value = area.value_and_gradient(&[1.0, 0.0, -1.0, 0.0], &mut [0.0; 4])?;
+/// assert_eq!(value, 0.5 * area.total());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Area {
     delta: f64,
@@ -17,6 +32,8 @@ pub struct Area {
 }
 
 impl Area {
+    /// Measures the mass of the vertices within the parent.
+    ///
     /// # Errors
     /// `delta` outside [0, 1), `weight` of another length or outside [0, 1].
     pub fn new(mesh: &TriangleMesh, delta: f64, weight: Option<&[f64]>) -> Result<Self> {
@@ -30,6 +47,7 @@ impl Area {
     }
 
     /// The area of both phases together, m^T w.
+    #[must_use]
     pub fn total(&self) -> f64 {
         self.measure.iter().sum()
     }

@@ -55,6 +55,29 @@ struct Coefficients {
 /// A\[u\] = S\[a\] + diag(m p), b\[u\] = K b(c), K the integrated angle defect; s = 0 on the boundary
 /// of the surface, where a chart ends too. The gradient is
 /// that of the adjoint, +2 (db - dA s)^T A^-1 M s. Both phases are factored side by side.
+///
+/// # Examples
+/// ```
+/// use std::sync::Arc;
+///
+/// use phaseatlas_core::functionals::{Distortion, Functional, Law};
+/// use phaseatlas_core::{Surface, TriangleMesh};
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// // A flat roof of four triangles has nothing to distort, one with a peak has.
+/// let distortion = |height: f64| -> phaseatlas_core::Result<f64> {
+///     let rim = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
+///     let vertices = [vec![[0.0, 0.0, height]], rim.to_vec()].concat();
+///     let roof = TriangleMesh::new(vertices, &[[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])?;
+///     let surface = Arc::new(Surface::new(roof));
+///     let functional = Distortion::new(surface, Law::Sharp, 0.5, 0.05, 1e-6, None)?;
+///     functional.value_and_gradient(&[1.0; 5], &mut [0.0; 5])
+/// };
+/// assert!(distortion(0.0)? < 1e-20);
+/// assert!(distortion(1.0)? > 0.01);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Distortion {
     surface: Arc<Surface>,
     law: Law,
@@ -103,6 +126,8 @@ impl Law {
 }
 
 impl Distortion {
+    /// Analyses the linear system of the surface, where no other functional has yet.
+    ///
     /// # Errors
     /// `epsilon` that is not positive, `delta` outside [0, 1), `eta` that is negative, `weight`
     /// of another length or outside [0, 1], [`crate::Error::OutOfMemory`].

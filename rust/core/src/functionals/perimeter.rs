@@ -18,6 +18,26 @@ use crate::surface::Surface;
 /// equations (7), (9).
 ///
 /// The sharp limit is sqrt(2) times the length of the interface.
+///
+/// # Examples
+/// ```
+/// use std::sync::Arc;
+///
+/// use phaseatlas_core::functionals::{Functional, Perimeter};
+/// use phaseatlas_core::{Surface, TriangleMesh};
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// let square = TriangleMesh::new(corners, &[[0, 1, 2], [0, 2, 3]])?;
+/// let perimeter = Perimeter::new(Arc::new(Surface::new(square)), 0.1)?;
+/// let mut gradient = [0.0; 4];
+/// // A pure phase has no interface; of a mixed one all costs the double well, 9 / 16 at u = 0.
+/// assert_eq!(perimeter.value_and_gradient(&[1.0; 4], &mut gradient)?, 0.0);
+/// let mixed = perimeter.value_and_gradient(&[0.0; 4], &mut gradient)?;
+/// assert!((mixed - 9.0 / 16.0 / 0.1).abs() < 1e-12);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Perimeter {
     surface: Arc<Surface>,

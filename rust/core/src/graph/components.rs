@@ -9,14 +9,19 @@ pub struct Components {
     pub labels: Vec<u32>,
     /// The faces by component: those of `c` are `faces[starts[c]..starts[c + 1]]`.
     pub faces: Vec<u32>,
+    /// Where each component starts in `faces`, and their end.
     pub starts: Vec<usize>,
 }
 
 impl Components {
+    /// Number of components.
+    #[must_use]
     pub fn count(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
 
+    /// The faces of a component.
+    #[must_use]
     pub fn faces_of(&self, component: usize) -> &[u32] {
         &self.faces[self.starts[component]..self.starts[component + 1]]
     }
@@ -82,6 +87,21 @@ impl Components {
 }
 
 /// Components of equal labels: two neighbouring faces connect where `labels` agree.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::TriangleMesh;
+/// use phaseatlas_core::graph::label_components;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// // A strip of three triangles, the middle one in a label of its own.
+/// let vertices = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 2.0, 0.0]];
+/// let strip = TriangleMesh::new(vertices, &[[0, 1, 2], [1, 3, 2], [2, 3, 4]])?;
+/// assert_eq!(label_components(&strip, &[7, 4, 7]).labels, [0, 1, 2]);
+/// # Ok(())
+/// # }
+/// ```
+#[must_use]
 pub fn label_components(mesh: &TriangleMesh, labels: &[i64]) -> Components {
     let mut components = Components::default();
     components.label(mesh, |_| true, |f, g| labels[f] == labels[g]);

@@ -9,9 +9,11 @@ use crate::parallel::CHUNK;
 /// Prices of the dual edges: crossing from face f over its half-edge k to g costs
 /// (price_f + price_g) scale\[f\]\[k\].
 #[derive(Debug, Clone, Copy)]
-pub struct DualWeights<'a> {
-    pub price: &'a [f64],
-    pub scale: &'a [[f64; 3]],
+pub(crate) struct DualWeights<'a> {
+    /// One price a face.
+    pub(crate) price: &'a [f64],
+    /// One factor a half-edge.
+    pub(crate) scale: &'a [[f64; 3]],
 }
 
 impl DualWeights<'_> {
@@ -42,13 +44,19 @@ pub(super) struct Step {
 /// The steps out of every face. Nodes `0..m` are faces, nodes `m..m + k` the components; no step
 /// leads to a face of a component.
 #[derive(Debug, Default)]
-pub struct ContractedDual {
+pub(crate) struct ContractedDual {
     steps: Vec<[Step; 3]>,
     n_components: usize,
 }
 
 impl ContractedDual {
-    pub fn contract(&mut self, mesh: &TriangleMesh, weights: DualWeights, components: &Components) {
+    /// Makes the graph of these components.
+    pub(crate) fn contract(
+        &mut self,
+        mesh: &TriangleMesh,
+        weights: DualWeights<'_>,
+        components: &Components,
+    ) {
         let nowhere = Step {
             length: f64::INFINITY,
             node: 0,

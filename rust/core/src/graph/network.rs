@@ -7,14 +7,14 @@ use crate::mesh::NONE;
 
 /// A path between two components.
 #[derive(Debug, Clone, Copy)]
-pub struct Link {
-    pub ends: [u32; 2],
-    pub length: f64,
+pub(crate) struct Link {
+    pub(crate) ends: [u32; 2],
+    pub(crate) length: f64,
 }
 
 /// Components and the links between them.
 #[derive(Debug, Default)]
-pub struct Network {
+pub(crate) struct Network {
     /// The links at each node: those of `i` are `around[starts[i]..starts[i + 1]]`.
     starts: Vec<u32>,
     around: Vec<Branch>,
@@ -30,14 +30,14 @@ struct Branch {
 
 /// A tree in a [`Network`], and the buffers of the search for it.
 #[derive(Debug, Default)]
-pub struct Tree {
+pub(crate) struct Tree {
     /// Nodes, parents before children.
-    pub order: Vec<u32>,
+    pub(crate) order: Vec<u32>,
     /// The parent of each node and the link to it, [`NONE`] at the root.
-    pub parents: Vec<u32>,
-    pub links: Vec<u32>,
+    pub(crate) parents: Vec<u32>,
+    pub(crate) links: Vec<u32>,
     /// Of each node from the root, infinite where no link leads to.
-    pub distances: Vec<f64>,
+    pub(crate) distances: Vec<f64>,
     settled: Vec<bool>,
     heap: BinaryHeap<Candidate>,
 }
@@ -68,7 +68,7 @@ impl PartialOrd for Candidate {
 
 impl Network {
     /// Makes the network of `count` nodes with these links, numbered as they come.
-    pub fn join(&mut self, count: usize, links: impl Iterator<Item = Link> + Clone) {
+    pub(crate) fn join(&mut self, count: usize, links: impl Iterator<Item = Link> + Clone) {
         self.starts.clear();
         self.starts.resize(count + 1, 0);
         for node in links.clone().flat_map(|link| link.ends) {
@@ -99,18 +99,18 @@ impl Network {
     }
 
     /// The shortest paths from `root` (Dijkstra 1959).
-    pub fn shortest_paths(&self, root: u32, tree: &mut Tree) {
+    pub(crate) fn shortest_paths(&self, root: u32, tree: &mut Tree) {
         self.search(root, tree, |distance, length| distance + length);
     }
 
     /// The shortest spanning tree (Prim 1957); its `distances` are those to the parents.
-    pub fn spanning_tree(&self, root: u32, tree: &mut Tree) {
+    pub(crate) fn spanning_tree(&self, root: u32, tree: &mut Tree) {
         self.search(root, tree, |_, length| length);
     }
 
     /// Takes note of a way from the root to `node` that is shorter than known so far: makes the
     /// `distances` of `tree` those that it allows for.
-    pub fn shorten(&self, tree: &mut Tree, node: u32, distance: f64) {
+    pub(crate) fn shorten(&self, tree: &mut Tree, node: u32, distance: f64) {
         tree.distances[node as usize] = distance;
         tree.heap.push(Candidate { distance, node });
         while let Some(Candidate { distance, node }) = tree.heap.pop() {

@@ -19,8 +19,8 @@ pub(super) struct Place {
 /// The shortest path between two components whose regions touch, along the two searches that met
 /// across a half-edge.
 #[derive(Debug, Clone, Copy)]
-pub struct Meeting {
-    pub link: Link,
+pub(crate) struct Meeting {
+    pub(crate) link: Link,
     pub(super) half_edge: u32,
 }
 
@@ -30,16 +30,16 @@ pub struct Meeting {
 /// are joined by the shortest path through their common boundary; the shortest tree over these pairs is the
 /// shortest over all pairs (Mehlhorn 1988).
 #[derive(Debug, Default)]
-pub struct Regions {
+pub(crate) struct Regions {
     pub(super) places: Vec<Place>,
     heap: RadixHeap,
     /// One for each pair of components whose regions touch.
-    pub meetings: Vec<Meeting>,
+    pub(crate) meetings: Vec<Meeting>,
 }
 
 impl Regions {
     /// Searches from all components.
-    pub fn grow(&mut self, graph: &ContractedDual, components: &Components) {
+    pub(crate) fn grow(&mut self, graph: &ContractedDual, components: &Components) {
         self.places.clear();
         let unknown = Place {
             distance: f64::INFINITY,
@@ -129,7 +129,7 @@ impl Regions {
 
     /// Derivative of coefficient x length of a meeting: calls `add(f, a)` for every face f whose
     /// price enters with factor a.
-    pub fn accumulate_path(
+    pub(crate) fn accumulate_path(
         &self,
         mesh: &TriangleMesh,
         weights: DualWeights,

@@ -29,7 +29,7 @@ const BLOCKS: usize = 16;
 /// with the direct paths that the same search has found so far. Within its own region the distances
 /// from a component are known, so the search starts at the boundary of that.
 #[derive(Debug, Default)]
-pub struct AllPairs {
+pub(crate) struct AllPairs {
     /// First of the regions that touch, then of the direct paths.
     network: Network,
     /// The half-edges that lead out of a region, each after the component of the region.
@@ -60,7 +60,7 @@ struct Block {
 
 impl AllPairs {
     /// Finds the direct paths.
-    pub fn search(&mut self, graph: &ContractedDual, regions: &Regions) {
+    pub(crate) fn search(&mut self, graph: &ContractedDual, regions: &Regions) {
         let count = graph.n_nodes() - graph.n_faces();
         if self.direct.len() < count {
             self.direct.resize_with(count, DirectPaths::default);
@@ -100,7 +100,7 @@ impl AllPairs {
     /// Derivatives of the sum over ordered pairs i != j of w_i w_j d_ij: leaves those by `weights`
     /// in `rows`, which makes the sum half of weights . rows, and keeps those by the lengths of
     /// the direct paths for [`Self::accumulate_paths`].
-    pub fn differentiate(&mut self, weights: &[f64], rows: &mut [f64]) {
+    pub(crate) fn differentiate(&mut self, weights: &[f64], rows: &mut [f64]) {
         let n_links = links(&self.direct).count();
         let size = weights.len().div_ceil(BLOCKS);
         self.blocks.resize_with(BLOCKS, Block::default);
@@ -127,7 +127,7 @@ impl AllPairs {
 
     /// Derivative of the same sum by the prices: calls `add(f, a)` for every face f whose price
     /// enters with factor a.
-    pub fn accumulate_paths(
+    pub(crate) fn accumulate_paths(
         &self,
         mesh: &TriangleMesh,
         weights: DualWeights,
@@ -256,9 +256,10 @@ impl Search {
                 while entry != NONE {
                     found.half_edges.push(entry);
                     let (face, place) = (entry as usize / 3, regions.places[entry as usize / 3]);
-                    entry = match place.nearest == source {
-                        true => place.entry,
-                        false => self.labels[face].entry,
+                    entry = if place.nearest == source {
+                        place.entry
+                    } else {
+                        self.labels[face].entry
                     };
                 }
                 found.ends.push(found.half_edges.len());

@@ -21,8 +21,30 @@ use super::symbolic::{Pattern, SymbolicFactorisation};
 use crate::error::{Error, Result, check_length};
 
 /// The Cholesky factor A = L L^T of symmetric positive definite matrices of one sparsity
-/// pattern. Factors of one pattern share its symbolic
-/// factorisation.
+/// pattern. Factors of one pattern share its symbolic factorisation.
+///
+/// # Examples
+/// ```
+/// use std::sync::Arc;
+///
+/// use phaseatlas_core::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// // The lower triangle of [[4, 2], [2, 3]], by columns.
+/// let symbolic = SymbolicFactorisation::new(
+///     &[0, 2, 3],
+///     &[0, 1, 1],
+///     Ordering::MinimumDegree,
+///     Factorisation::Automatic,
+/// )?;
+/// let mut cholesky = Cholesky::new(Arc::new(symbolic))?;
+/// cholesky.factor(&[4.0, 2.0, 3.0])?;
+/// let mut x = [8.0, 8.0];
+/// cholesky.solve(&mut x)?;
+/// assert!((x[0] - 1.0).abs() < 1e-15 && (x[1] - 2.0).abs() < 1e-15);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Cholesky {
     symbolic: Arc<SymbolicFactorisation>,
     /// Values of the permuted triangle.
@@ -59,6 +81,7 @@ impl Cholesky {
     }
 
     /// Number of rows.
+    #[must_use]
     pub fn size(&self) -> usize {
         self.symbolic.size()
     }
@@ -185,7 +208,7 @@ mod tests {
                     let scaled: Vec<f64> = values.iter().map(|v| v * scale).collect();
                     cholesky.factor(&scaled).unwrap();
                     let b: Vec<f64> = (0..n_columns * 900)
-                        .map(|i| (i as f64 * 0.37).sin())
+                        .map(|i| (f64::from(i) * 0.37).sin())
                         .collect();
                     let mut x = b.clone();
                     cholesky.solve(&mut x).unwrap();

@@ -73,7 +73,7 @@ impl SymbolicFactorisation {
     /// included, are `rows[column_starts[j]..column_starts[j + 1]]`.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`].
+    /// [`crate::Error::OutOfMemory`].
     pub fn new(
         column_starts: &[usize],
         rows: &[u32],

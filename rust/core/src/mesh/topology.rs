@@ -31,11 +31,11 @@ pub struct Adjacency {
 impl Topology {
     /// Joins the faces along their edges.
     pub(super) fn new(n_vertices: usize, faces: Vec<[u32; 3]>) -> Result<Self> {
-        let Edges {
+        let EdgeTable {
             edges,
             half_edges,
             neighbours,
-        } = Edges::new(&faces)?;
+        } = EdgeTable::new(&faces)?;
         check_fans(n_vertices, &faces, &neighbours)?;
         check_connected(&neighbours)?;
         let mut after = vec![NONE; n_vertices];
@@ -79,13 +79,13 @@ fn loops(mut after: Vec<u32>) -> Vec<Vec<u32>> {
 }
 
 /// Edges, each once, and what lies on their sides.
-struct Edges {
+struct EdgeTable {
     edges: Vec<[u32; 2]>,
     half_edges: Vec<[u32; 2]>,
     neighbours: Vec<[u32; 3]>,
 }
 
-impl Edges {
+impl EdgeTable {
     fn new(faces: &[[u32; 3]]) -> Result<Self> {
         let mut sides: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * faces.len());
         for half_edge in 0..3 * faces.len() as u32 {
@@ -182,6 +182,7 @@ impl Adjacency {
     }
 
     /// The neighbours of a vertex, ascending, each with the edge that leads to it.
+    #[must_use]
     pub fn around(&self, vertex: usize) -> impl ExactSizeIterator<Item = (usize, usize)> {
         let entries = self.starts[vertex]..self.starts[vertex + 1];
         let edges = &self.edges[entries.clone()];

@@ -9,7 +9,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::Functional;
-use crate::error::{Error, Result, check_length, check_positive, check_vector, check_weight};
+use crate::error::{
+    Result, check_length, check_parameter, check_positive, check_vector, check_weight,
+};
 use crate::graph::{Components, ContractedDual, DualWeights, Regions};
 use crate::mesh::{NONE, TriangleMesh};
 use crate::parallel::{Buffers, CHUNK};
@@ -28,8 +30,11 @@ const INDICATOR_FLOOR: f64 = 1e-2;
 /// Which of C\[u\] (positive) and C\[-u\] (negative) a [`Connectedness`] evaluates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phases {
+    /// The sum of the two.
     Both,
+    /// C\[u\].
     Positive,
+    /// C\[-u\].
     Negative,
 }
 
@@ -123,14 +128,9 @@ impl Connectedness {
         weight: Option<&[f64]>,
         phases: Phases,
     ) -> Result<Self> {
-        if !(threshold > 0.0 && threshold < 1.0) {
-            // Below 0 the phases would overlap.
-            return Err(Error::Parameter {
-                argument: "threshold",
-                value: threshold,
-                expected: "in (0, 1)",
-            });
-        }
+        // Below 0 the phases would overlap.
+        let legal = threshold > 0.0 && threshold < 1.0;
+        check_parameter("threshold", threshold, legal, "in (0, 1)")?;
         let mesh = surface.mesh();
         if let Some(weight) = weight {
             check_weight("weight", weight, mesh.n_vertices())?;
@@ -206,13 +206,8 @@ impl Connectedness {
     /// `plateau` outside (threshold, 1].
     pub fn with_plateau(self, plateau: f64) -> Result<Self> {
         let threshold = self.laws.threshold();
-        if !(plateau > threshold && plateau <= 1.0) {
-            return Err(Error::Parameter {
-                argument: "plateau",
-                value: plateau,
-                expected: "in (threshold, 1]",
-            });
-        }
+        let legal = plateau > threshold && plateau <= 1.0;
+        check_parameter("plateau", plateau, legal, "in (threshold, 1]")?;
         Ok(Self {
             laws: ConnectednessLaws::new(threshold, plateau),
             ..self
