@@ -8,7 +8,7 @@ use std::time::Duration;
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
 use meshes::{Case, Random, cases, distance, unit};
 use phaseatlas_core::functionals::{
-    Area, Connectedness, Distortion, Form, Functional, Law, Perimeter, Phases,
+    Area, Connectedness, Distortion, Form, Formulation, Functional, Perimeter, Phases,
 };
 
 type WithForm = fn(Connectedness) -> Connectedness;
@@ -152,13 +152,13 @@ fn functionals(criterion: &mut Criterion) {
         bench(criterion, &name("20"), make, |case| caps(case, 20));
         bench(criterion, &name("250"), make, |case| noise(case, 250));
     }
-    for (name, law, eta) in [
-        ("distortion sharp", Law::Sharp, 1e-6),
-        ("distortion paper", Law::Paper, 1e-3),
+    for (name, formulation, eta) in [
+        ("distortion sharp", Formulation::Sharp, 1e-6),
+        ("distortion paper", Formulation::Paper, 1e-3),
     ] {
         let make = |case: &Case| {
             let (surface, epsilon) = (Arc::clone(&case.surface), case.epsilon);
-            Distortion::new(surface, law, epsilon, 0.1 * epsilon, eta, None)
+            Distortion::new(surface, formulation, epsilon, 0.1 * epsilon, eta, None)
                 .expect("the parameters are valid")
         };
         bench(criterion, name, make, halves);

@@ -56,7 +56,7 @@ fn linear(criterion: &mut Criterion) {
         group.bench_function("cholesky analyse", |bencher| bencher.iter(analyse));
 
         let stiffness = Stiffness::new(mesh);
-        // The penalty of one phase in the sharp law of the distortion.
+        // The penalty of one phase in the sharp formulation of the distortion.
         let penalty: Vec<f64> = mesh
             .vertices()
             .iter()

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::error::{Result, check_length, check_parameter, check_vector};
 use crate::parallel::CHUNK;
 
-/// A pair is kept only where its curvature s . y is more than this part of |s| |y|: without
+/// A pair is kept only where its curvature s . y is more than this fraction of |s| |y|: without
 /// positive curvature the approximation is not positive definite.
 const LEAST_CURVATURE: f64 = 1e-10;
 

@@ -10,7 +10,7 @@
 //! | (2), (10) | area of a phase, within the parent | [`functionals::area`] |
 //! | (3) | connectedness | [`functionals::connectedness`] |
 //! | (12), (13) | diffuse Yamabe equation, distortion and its adjoint | [`functionals::distortion`] |
-//! | section 3 | the scalar laws Psi, chi, F, H | [`potentials`] |
+//! | section 3 | the scalar functions Psi, chi, F, H | [`potentials`] |
 //! | section 3 | stiffness and lumped mass | [`operators`], [`mesh`] |
 //! | section 4 | textures carried by overlapping charts | [`bake`] |
 //! | section 4 | chart maps (least-squares conformal, boundary-first) | [`flatten`] |

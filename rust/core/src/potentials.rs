@@ -1,4 +1,4 @@
-//! The scalar laws of section 3: the double well Psi, the indicator chi, and the pair F, H of
+//! The scalar functions of section 3: the double well Psi, the indicator chi, and the pair F, H of
 //! the connectedness functional, each with its derivative; Psi and chi with the second one too.
 
 /// Double well Psi(u) = 9/16 (u^2 - 1)^2, section 3.
@@ -64,19 +64,19 @@ pub fn chi_second(u: f64, delta: f64) -> f64 {
     }
 }
 
-/// The laws F and H of the connectedness functional (3).
+/// The potentials F and H of the connectedness functional (3).
 ///
 /// Their supports are complementary: F > 0 exactly below the threshold a = 1 - sqrt(epsilon), H > 0 exactly above it (Dondl, Novaga,
 /// Wojtowytsch, Wolff-Vorbeck 2021). Both are C1, so C does not jump when a face joins a
 /// component.
 #[derive(Debug, Clone, Copy)]
-pub struct ConnectednessLaws {
+pub struct ConnectednessPotentials {
     threshold: f64,
     width: f64,
 }
 
-impl ConnectednessLaws {
-    /// The laws with the threshold `a`, 1 - sqrt(epsilon) in the paper, and H = 1 from `plateau` on,
+impl ConnectednessPotentials {
+    /// The potentials with the threshold `a`, 1 - sqrt(epsilon) in the paper, and H = 1 from `plateau` on,
     /// 1 in the paper.
     #[must_use]
     pub fn new(threshold: f64, plateau: f64) -> Self {
@@ -129,11 +129,11 @@ impl ConnectednessLaws {
 mod tests {
     use super::*;
 
-    fn check_derivative(law: impl Fn(f64) -> f64, prime: impl Fn(f64) -> f64) {
+    fn check_derivative(function: impl Fn(f64) -> f64, prime: impl Fn(f64) -> f64) {
         let step = 1e-6;
         for k in -150..=150 {
             let u = f64::from(k) / 100.0 + 0.003;
-            let difference = (law(u + step) - law(u - step)) / (2.0 * step);
+            let difference = (function(u + step) - function(u - step)) / (2.0 * step);
             assert!((difference - prime(u)).abs() < 1e-8, "at {u}");
         }
     }
@@ -146,13 +146,13 @@ mod tests {
             check_derivative(|u| chi(u, delta), |u| chi_prime(u, delta));
             check_derivative(|u| chi_prime(u, delta), |u| chi_second(u, delta));
         }
-        let laws = ConnectednessLaws::new(0.8, 1.0);
-        check_derivative(|u| laws.f(u), |u| laws.f_prime(u));
-        let h = |u| laws.h(u);
+        let potentials = ConnectednessPotentials::new(0.8, 1.0);
+        check_derivative(|u| potentials.f(u), |u| potentials.f_prime(u));
+        let h = |u| potentials.h(u);
         for k in -150..=150 {
             let u = f64::from(k) / 100.0 + 0.003;
             let difference = (h(u + 1e-6) - h(u - 1e-6)) / 2e-6;
-            assert!((difference - laws.h_prime(u)).abs() < 1e-4);
+            assert!((difference - potentials.h_prime(u)).abs() < 1e-4);
         }
     }
 
@@ -167,12 +167,12 @@ mod tests {
 
     #[test]
     fn supports_are_complementary() {
-        let laws = ConnectednessLaws::new(0.7, 1.0);
-        assert!((laws.threshold() - 0.7).abs() < 1e-15);
-        assert!(laws.f(0.69) > 0.0 && laws.h(0.69) == 0.0);
-        assert!(laws.f(0.71) == 0.0 && laws.h(0.71) > 0.0);
-        assert_eq!(laws.h(1.0), 1.0);
-        assert_eq!(laws.h(1.3), 1.0);
-        assert_eq!(ConnectednessLaws::new(0.1, 0.4).h(0.4), 1.0);
+        let potentials = ConnectednessPotentials::new(0.7, 1.0);
+        assert!((potentials.threshold() - 0.7).abs() < 1e-15);
+        assert!(potentials.f(0.69) > 0.0 && potentials.h(0.69) == 0.0);
+        assert!(potentials.f(0.71) == 0.0 && potentials.h(0.71) > 0.0);
+        assert_eq!(potentials.h(1.0), 1.0);
+        assert_eq!(potentials.h(1.3), 1.0);
+        assert_eq!(ConnectednessPotentials::new(0.1, 0.4).h(0.4), 1.0);
     }
 }

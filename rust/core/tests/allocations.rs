@@ -7,7 +7,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use phaseatlas_core::functionals::{Connectedness, Distortion, Form, Functional, Law, Phases};
+use phaseatlas_core::functionals::{
+    Connectedness, Distortion, Form, Formulation, Functional, Phases,
+};
 use phaseatlas_core::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
 use phaseatlas_core::{Surface, TriangleMesh};
 
@@ -110,8 +112,9 @@ fn nothing_is_allocated_after_the_first_call() {
             mesh.vertices().iter().map(wave).collect()
         })
         .collect();
-    for law in [Law::Paper, Law::Sharp] {
-        let make = || Distortion::new(surface.clone(), law, 0.05, 0.02, 1e-3, None).unwrap();
+    for formulation in [Formulation::Paper, Formulation::Sharp] {
+        let make =
+            || Distortion::new(surface.clone(), formulation, 0.05, 0.02, 1e-3, None).unwrap();
         let evaluate = |functional: &Distortion, gradient: &mut [f64], fields: &[Vec<f64>]| {
             for u in fields {
                 functional.value_and_gradient(u, gradient).unwrap();
@@ -124,7 +127,7 @@ fn nothing_is_allocated_after_the_first_call() {
         pool.install(|| {
             evaluate(&functional, &mut gradient, &fields[..1]);
             let count = allocations(|| evaluate(&functional, &mut gradient, &fields[1..]));
-            assert_eq!(count, 0, "{law:?}");
+            assert_eq!(count, 0, "{formulation:?}");
         });
     }
 

@@ -117,7 +117,7 @@ impl Bake {
     ) -> PyResult<()> {
         if values.shape()[1] != 3 {
             return Err(PyValueError::new_err(format!(
-                "values: shape {:?}, expected (k, 3)",
+                "values: shape {:?} must be (k, 3)",
                 values.shape()
             )));
         }

@@ -1,5 +1,5 @@
 use numpy::{PyArray1, PyReadonlyArray1};
-use phaseatlas_core::functionals::{self as core, Form, Functional, Law, Phases};
+use phaseatlas_core::functionals::{self as core, Form, Formulation, Functional, Phases};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -194,9 +194,9 @@ impl Distortion {
         eta: f64,
         weight: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
-        let law = match law {
-            "paper" => Law::Paper,
-            "sharp" => Law::Sharp,
+        let formulation = match law {
+            "paper" => Formulation::Paper,
+            "sharp" => Formulation::Sharp,
             other => {
                 return Err(PyValueError::new_err(format!(
                     "law: {other:?} must be \"paper\" or \"sharp\""
@@ -206,7 +206,7 @@ impl Distortion {
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
         let surface = mesh.surface.clone();
         detached(py, || {
-            core::Distortion::new(surface, law, epsilon, delta, eta, weight)
+            core::Distortion::new(surface, formulation, epsilon, delta, eta, weight)
         })?
         .map(Self)
         .map_err(to_python)

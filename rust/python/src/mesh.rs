@@ -20,7 +20,7 @@ pub(crate) fn rows<const K: usize, T: Element + Copy>(
     let view = array.as_array();
     if view.ncols() != K {
         return Err(PyValueError::new_err(format!(
-            "{argument}: shape {:?}, expected (n, {K})",
+            "{argument}: shape {:?} must be (n, {K})",
             view.shape()
         )));
     }

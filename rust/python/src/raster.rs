@@ -13,7 +13,7 @@ type Texels<'py> = (Bound<'py, PyArray2<i32>>, Bound<'py, PyArray2<u8>>);
 pub(crate) fn corners<'a>(uv: &'a PyReadonlyArray3<'_, f64>) -> PyResult<&'a [[f64; 2]]> {
     if uv.shape()[1..] != [3, 2] {
         return Err(PyValueError::new_err(format!(
-            "uv: shape {:?}, expected (m, 3, 2)",
+            "uv: shape {:?} must be (m, 3, 2)",
             uv.shape()
         )));
     }

@@ -131,7 +131,7 @@ mod tests {
         assert_eq!(image.colour([0.25, 0.75]), [0.0; 3]);
         assert_eq!(image.colour([0.75, 0.25]), [3.0; 3]);
         assert_eq!(image.colour([0.5, 0.5]), [1.5; 3]);
-        // Across the border of the tile.
+        // Across the boundary of the tile.
         assert_eq!(image.colour([0.0, 0.75]), [0.5; 3]);
         assert_eq!(image.colour([1.0, 0.75]), [0.5; 3]);
     }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::Functional;
+use super::functional::Functional;
 use crate::error::{Result, check_delta, check_length, check_vector, check_weight};
 use crate::mesh::TriangleMesh;
 use crate::parallel::{CHUNK, ordered_sum};

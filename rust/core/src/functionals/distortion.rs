@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::Functional;
+use super::functional::Functional;
 use crate::error::{
     Result, check_delta, check_length, check_non_negative, check_positive, check_vector,
     check_weight,
@@ -14,16 +14,16 @@ use crate::parallel::Buffers;
 use crate::potentials::{chi, chi_prime};
 use crate::surface::Surface;
 
-/// Weight of the sharp law's penalty relative to 1 / epsilon^2.
+/// Weight of the sharp formulation's penalty relative to 1 / epsilon^2.
 const SHARP_PENALTY: f64 = 30.0;
-/// By how much the other phase has to prevail, 1 - 2 c, for the sharp law to penalise s.
+/// By how much the other phase has to prevail, 1 - 2 c, for the sharp formulation to penalise s.
 const SHARP_MARGIN: f64 = 0.5;
 
 /// How the indicator c = w chi(u) enters the diffuse Yamabe equation
 ///
 /// integral of a(c) \|grad s\|^2 / 2 - b(c) K s + p(c) s^2 / 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Law {
+pub enum Formulation {
     /// Equation (12): a = c + eta, b = c, p = (1 - c) / epsilon.
     ///
     /// Its limit for epsilon to 0 is a Robin condition on the boundary, not s = 0: the penalty
@@ -60,7 +60,7 @@ struct Coefficients {
 /// ```
 /// use std::sync::Arc;
 ///
-/// use phaseatlas_core::functionals::{Distortion, Functional, Law};
+/// use phaseatlas_core::functionals::{Distortion, Functional, Formulation};
 /// use phaseatlas_core::{Surface, TriangleMesh};
 ///
 /// # fn main() -> phaseatlas_core::Result<()> {
@@ -70,7 +70,7 @@ struct Coefficients {
 ///     let vertices = [vec![[0.0, 0.0, height]], rim.to_vec()].concat();
 ///     let roof = TriangleMesh::new(vertices, &[[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])?;
 ///     let surface = Arc::new(Surface::new(roof));
-///     let functional = Distortion::new(surface, Law::Sharp, 0.5, 0.05, 1e-6, None)?;
+///     let functional = Distortion::new(surface, Formulation::Sharp, 0.5, 0.05, 1e-6, None)?;
 ///     functional.value_and_gradient(&[1.0; 5], &mut [0.0; 5])
 /// };
 /// assert!(distortion(0.0)? < 1e-20);
@@ -80,7 +80,7 @@ struct Coefficients {
 /// ```
 pub struct Distortion {
     surface: Arc<Surface>,
-    law: Law,
+    formulation: Formulation,
     epsilon: f64,
     delta: f64,
     eta: f64,
@@ -91,7 +91,7 @@ pub struct Distortion {
 /// The linear system of one phase and its buffers.
 struct System {
     cholesky: Cholesky,
-    /// a(c); the sharp law never refills it
+    /// a(c); the sharp formulation never refills it
     stiffness: Stiffness,
     values: Vec<f64>,
     indicator: Vec<f64>,
@@ -101,7 +101,7 @@ struct System {
     gradient: Vec<f64>,
 }
 
-impl Law {
+impl Formulation {
     fn at(self, c: f64, epsilon: f64, eta: f64) -> Coefficients {
         match self {
             Self::Paper => Coefficients {
@@ -133,7 +133,7 @@ impl Distortion {
     /// of another length or outside [0, 1], [`crate::Error::OutOfMemory`].
     pub fn new(
         surface: Arc<Surface>,
-        law: Law,
+        formulation: Formulation,
         epsilon: f64,
         delta: f64,
         eta: f64,
@@ -148,7 +148,7 @@ impl Distortion {
         surface.dirichlet_system()?;
         Ok(Self {
             surface,
-            law,
+            formulation,
             epsilon,
             delta,
             eta,
@@ -193,7 +193,7 @@ impl Distortion {
         for (i, c) in system.indicator.iter_mut().enumerate() {
             let inside = self.weight.as_ref().map_or(1.0, |w| w[i]);
             *c = inside * chi(sign * u[i], self.delta);
-            let at = self.law.at(*c, self.epsilon, self.eta);
+            let at = self.formulation.at(*c, self.epsilon, self.eta);
             system.penalty[i] = mesh.mass()[i] * at.penalty;
             system.solution[i] = if mesh.on_boundary()[i] {
                 0.0
@@ -201,7 +201,7 @@ impl Distortion {
                 curvature[i] * at.source
             };
         }
-        if self.law == Law::Paper {
+        if self.formulation == Formulation::Paper {
             system.stiffness.refill(mesh, &system.indicator, self.eta);
         }
         self.surface.dirichlet_system()?.fill(
@@ -227,12 +227,14 @@ impl Distortion {
         system.cholesky.solve(&mut system.adjoint)?;
         let (s, adjoint) = (&system.solution, &system.adjoint);
         for (i, g) in system.gradient.iter_mut().enumerate() {
-            let at = self.law.at(system.indicator[i], self.epsilon, self.eta);
+            let at = self
+                .formulation
+                .at(system.indicator[i], self.epsilon, self.eta);
             *g = adjoint[i]
                 * (mesh.angle_defects()[i] * at.source_prime
                     - mesh.mass()[i] * at.penalty_prime * s[i]);
         }
-        if self.law == Law::Paper {
+        if self.formulation == Formulation::Paper {
             for (face, cotangents) in mesh.faces().iter().zip(mesh.half_cotangents()) {
                 let energy: f64 = (0..3)
                     .map(|k| {
@@ -315,10 +317,11 @@ mod tests {
                 .iter()
                 .map(|p| 1.0 / (1.0 + (-6.0 * p[0]).exp()))
                 .collect();
-            for law in [Law::Paper, Law::Sharp] {
+            for formulation in [Formulation::Paper, Formulation::Sharp] {
                 for weight in [None, Some(&weight[..])] {
                     let functional =
-                        Distortion::new(surface.clone(), law, 0.2, 0.02, 1e-3, weight).unwrap();
+                        Distortion::new(surface.clone(), formulation, 0.2, 0.02, 1e-3, weight)
+                            .unwrap();
                     check_gradient(&functional, &u, 1e-6);
                 }
             }
@@ -330,8 +333,9 @@ mod tests {
         let surface = Arc::new(Surface::new(grid(20, 20, |_, _| 0.0)));
         let mesh = surface.mesh();
         let u: Vec<f64> = mesh.vertices().iter().map(|p| 2.0 * p[0] - 1.0).collect();
-        for law in [Law::Paper, Law::Sharp] {
-            let functional = Distortion::new(surface.clone(), law, 0.1, 0.01, 1e-6, None).unwrap();
+        for formulation in [Formulation::Paper, Formulation::Sharp] {
+            let functional =
+                Distortion::new(surface.clone(), formulation, 0.1, 0.01, 1e-6, None).unwrap();
             let mut gradient = vec![0.0; u.len()];
             let value = functional.value_and_gradient(&u, &mut gradient).unwrap();
             assert!(value < 1e-20, "{value}");
@@ -374,10 +378,11 @@ mod tests {
                 .iter()
                 .map(|p| 1.0 / (1.0 + (-6.0 * p[1]).exp()))
                 .collect();
-            for law in [Law::Paper, Law::Sharp] {
+            for formulation in [Formulation::Paper, Formulation::Sharp] {
                 for weight in [None, Some(&weight[..])] {
                     let functional =
-                        Distortion::new(surface.clone(), law, 0.1, 0.01, 1e-6, weight).unwrap();
+                        Distortion::new(surface.clone(), formulation, 0.1, 0.01, 1e-6, weight)
+                            .unwrap();
                     let mut gradient = vec![0.0; n];
                     for u in &fields {
                         let value = functional.value_and_gradient(u, &mut gradient).unwrap();
@@ -392,12 +397,13 @@ mod tests {
 
     #[test]
     fn singular_matrix_is_no_nan() {
-        // The printed law has no penalty left for a pure phase of a closed surface: rounding decides
+        // The printed formulation has no penalty left for a pure phase of a closed surface: rounding decides
         // whether the last pivot, and so J, is a huge number or none.
         let surface = Arc::new(Surface::new(torus(24, 12, 0.4)));
         let mesh = surface.mesh();
         let n = mesh.n_vertices();
-        let functional = Distortion::new(surface, Law::Paper, 0.1, 0.01, 1e-3, None).unwrap();
+        let functional =
+            Distortion::new(surface, Formulation::Paper, 0.1, 0.01, 1e-3, None).unwrap();
         match functional.value_and_gradient(&vec![1.0; n], &mut vec![0.0; n]) {
             Ok(value) => assert!(value.is_finite()),
             Err(error) => assert!(matches!(
@@ -413,7 +419,7 @@ mod tests {
         let surface = Arc::new(Surface::new(torus(60, 24, 0.4)));
         let mesh = surface.mesh();
         let functional =
-            Distortion::new(surface.clone(), Law::Sharp, 0.1, 0.01, 1e-6, None).unwrap();
+            Distortion::new(surface.clone(), Formulation::Sharp, 0.1, 0.01, 1e-6, None).unwrap();
         let u: Vec<f64> = mesh
             .vertices()
             .iter()

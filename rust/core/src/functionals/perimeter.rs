@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::Functional;
+use super::functional::Functional;
 use crate::error::{
     Result, check_length, check_non_negative, check_positive, check_vector, check_weight,
 };

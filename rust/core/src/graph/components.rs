@@ -65,7 +65,7 @@ impl Components {
         }
     }
 
-    /// Drops the components of which `keep` says no.
+    /// Drops the components for which `keep` is false.
     pub fn retain(&mut self, keep: impl Fn(usize) -> bool) {
         let (mut count, mut end) = (0, 0);
         for c in 0..self.count() {

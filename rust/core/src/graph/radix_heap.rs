@@ -6,9 +6,9 @@ const DROPPED: u32 = 42;
 /// A radix heap (Ahuja, Mehlhorn, Orlin, Tarjan 1990) on the leading bits of the distances: no
 /// distance that is pushed may be smaller than the last one popped.
 ///
-/// What agrees in these bits comes in any order, so that a search has to take up a node again
-/// whenever a shorter way to it is found, not only until the node is popped. Few are, while a queue
-/// in strict order takes twice as long.
+/// Distances that agree in these bits come in any order. A search therefore has to take up a node
+/// again whenever it finds a shorter way there, even after the node was popped. That is rare, while
+/// a queue in strict order takes twice as long.
 #[derive(Debug)]
 pub(super) struct RadixHeap {
     /// Entry 0 has the key `last`; the keys of entry i differ from it in bit i - 1 and in none

@@ -9,8 +9,8 @@ use super::regions::Regions;
 use crate::mesh::{NONE, TriangleMesh};
 use crate::parallel::Buffers;
 
-/// A way round has to be shorter by this part, lest rounding gives up both of two ways that are as
-/// long as each other.
+/// A way round has to be shorter by this fraction: otherwise rounding could give up both of two
+/// ways of the same length.
 const MARGIN: f64 = 1e-12;
 /// Parts of the sums over all pairs, which are added in order.
 const BLOCKS: usize = 16;
@@ -50,7 +50,7 @@ struct DirectPaths {
     ends: Vec<usize>,
 }
 
-/// The part of some sources in the sums over all pairs.
+/// The sums over the pairs of some sources.
 #[derive(Debug, Default)]
 struct Block {
     tree: Tree,

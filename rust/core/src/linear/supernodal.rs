@@ -156,7 +156,7 @@ impl Supernodes {
         &self.rows[self.row_starts[s] as usize..self.row_starts[s + 1] as usize]
     }
 
-    /// Blocks of which none is factored yet.
+    /// The state before the first factorisation.
     pub(super) fn blocks(&self) -> Blocks {
         let tallest = (0..self.count())
             .map(|s| self.width(s) + self.below(s).len())

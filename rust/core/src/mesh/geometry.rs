@@ -19,8 +19,8 @@ pub(super) struct Geometry {
 }
 
 impl Geometry {
-    /// Measures the faces; `degenerate` bounds twice the area from below, relative to the longest
-    /// edge squared.
+    /// Measures the faces. One is degenerate where twice its area is at most `degenerate` times its
+    /// longest edge squared.
     pub(super) fn new(vertices: &[[f64; 3]], topology: &Topology, degenerate: f64) -> Result<Self> {
         let faces = &topology.faces;
         let m = faces.len();

@@ -9,8 +9,8 @@ pub(crate) use geometry::distance;
 use topology::Topology;
 pub use topology::{Adjacency, NONE};
 
-/// A face is degenerate where twice its area is below this part of its longest edge squared: the
-/// area then has fewer than four digits.
+/// A face is degenerate where twice its area is at most this fraction of its longest edge squared:
+/// the area then has fewer than four digits.
 const DEGENERATE: f64 = 1e-12;
 
 /// An edge-manifold, vertex-manifold, consistently oriented, connected triangle mesh with or

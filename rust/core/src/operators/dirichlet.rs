@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::Stiffness;
+use super::stiffness::Stiffness;
 use crate::error::Result;
 use crate::linear::{Factorisation, Ordering, SymbolicFactorisation};
 use crate::mesh::{NONE, TriangleMesh};

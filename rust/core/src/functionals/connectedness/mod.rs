@@ -8,21 +8,21 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::Functional;
+use super::functional::Functional;
 use crate::error::{
     Result, check_length, check_parameter, check_positive, check_vector, check_weight,
 };
 use crate::graph::{Components, ContractedDual, DualWeights, Regions};
 use crate::mesh::{NONE, TriangleMesh};
 use crate::parallel::{Buffers, CHUNK};
-use crate::potentials::ConnectednessLaws;
+use crate::potentials::ConnectednessPotentials;
 use crate::surface::Surface;
 use pairs::Pairs;
 use phase::{Phase, Saturation};
 use tree::SpanningTree;
 
 /// Faces where the parent's indicator is smaller than this lie outside the parent: they belong to
-/// no component, and paths pay F(0) more there, so that none is free whatever u is.
+/// no component, and paths pay F(0) more there. No path there is free, at any u.
 const OUTSIDE: f64 = 0.25;
 /// The price of a path is divided by the parent's indicator, but by no less than this.
 const INDICATOR_FLOOR: f64 = 1e-2;
@@ -87,7 +87,7 @@ pub enum Form {
 #[derive(Debug)]
 pub struct Connectedness {
     surface: Arc<Surface>,
-    laws: ConnectednessLaws,
+    potentials: ConnectednessPotentials,
     phases: Phases,
     form: Form,
     saturation: Saturation,
@@ -159,7 +159,7 @@ impl Connectedness {
             .collect();
         Ok(Self {
             surface,
-            laws: ConnectednessLaws::new(threshold, 1.0),
+            potentials: ConnectednessPotentials::new(threshold, 1.0),
             phases,
             form: Form::Pairs,
             saturation: Saturation::default(),
@@ -205,11 +205,11 @@ impl Connectedness {
     /// # Errors
     /// `plateau` outside (threshold, 1].
     pub fn with_plateau(self, plateau: f64) -> Result<Self> {
-        let threshold = self.laws.threshold();
+        let threshold = self.potentials.threshold();
         let legal = plateau > threshold && plateau <= 1.0;
         check_parameter("plateau", plateau, legal, "in (threshold, 1]")?;
         Ok(Self {
-            laws: ConnectednessLaws::new(threshold, plateau),
+            potentials: ConnectednessPotentials::new(threshold, plateau),
             ..self
         })
     }
@@ -234,7 +234,7 @@ impl Connectedness {
 
     fn find_components(&self, u: &[f64], sign: f64, workspace: &mut Workspace) {
         let mesh = self.mesh();
-        let laws = self.laws;
+        let potentials = self.potentials;
         let m = mesh.n_faces();
         workspace.values.resize(m, 0.0);
         workspace
@@ -247,7 +247,7 @@ impl Connectedness {
                 }
             });
         let values = &workspace.values;
-        let threshold = laws.threshold();
+        let threshold = potentials.threshold();
         workspace.components.label(
             mesh,
             |f| self.inside[f] && values[f] >= threshold,
@@ -256,7 +256,7 @@ impl Connectedness {
         workspace.masses.clear();
         for c in 0..workspace.components.count() {
             let faces = workspace.components.faces_of(c).iter();
-            let mass = faces.map(|&f| self.measure[f as usize] * laws.h(values[f as usize]));
+            let mass = faces.map(|&f| self.measure[f as usize] * potentials.h(values[f as usize]));
             workspace.masses.push(mass.sum());
         }
         let masses = &mut workspace.masses;
@@ -273,13 +273,13 @@ impl Connectedness {
         if count < 2 {
             return 0.0;
         }
-        let laws = self.laws;
+        let potentials = self.potentials;
         workspace.face_gradient.resize(self.mesh().n_faces(), 0.0);
         workspace.price.clear();
         let prices = workspace.values.iter().zip(&self.inside);
-        workspace.price.extend(
-            prices.map(|(&value, &inside)| laws.f(value) + if inside { 0.0 } else { laws.f(0.0) }),
-        );
+        workspace.price.extend(prices.map(|(&value, &inside)| {
+            potentials.f(value) + if inside { 0.0 } else { potentials.f(0.0) }
+        }));
         workspace.potential.clear();
         workspace.potential.resize(count, 0.0);
         let Workspace {
@@ -310,7 +310,7 @@ impl Connectedness {
         };
         let add = |f: u32, a: f64| {
             let f = f as usize;
-            face_gradient[f] += a * laws.f_prime(values[f]);
+            face_gradient[f] += a * potentials.f_prime(values[f]);
         };
         let value = match self.form {
             Form::Pairs => pairs.sum(&phase, potential, add),
@@ -319,7 +319,7 @@ impl Connectedness {
         for (c, &slope) in potential.iter().enumerate() {
             for &f in components.faces_of(c) {
                 let f = f as usize;
-                face_gradient[f] += slope * self.measure[f] * laws.h_prime(values[f]);
+                face_gradient[f] += slope * self.measure[f] * potentials.h_prime(values[f]);
             }
         }
         value
