@@ -431,3 +431,16 @@ def test_distortion_with_free_areas_and_the_printed_law(tmp_path, model):
     assert result.returncode == 0, result.stderr
     free = pa.SegmentTree.load(out)
     assert abs(kept.diagnostics[0].violation) < 1e-5 < abs(free.diagnostics[0].violation)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere address space has no limit")
+def test_memory_for_the_texture_is_checked_before_the_mesh_is_read(tmp_path):
+    def confine():
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30, 3 * 2**30))
+
+    arguments = ["atlas", tmp_path / "none.obj", "-o", tmp_path / "a.glb", "--resolution", 16384]
+    message = failure(run(*arguments, preexec_fn=confine), 1)
+    assert re.fullmatch(r"resolution: 16384 takes [\d.]+ GiB of memory; must be smaller", message)
+    assert failure(run(*arguments[:-1], 1024, preexec_fn=confine), 1).endswith("no such file")
