@@ -40,7 +40,7 @@ def atlas(
     """Segment a mesh, flatten the segments and write it with a blended texture."""
     check_output(output, [mesh] if texture is None else [mesh, texture], ".glb", ".obj")
     from ..atlas import build_atlas
-    from ..texture import check_resolution
+    from ..atlas.bake import check_resolution
 
     check_resolution(resolution)
     image = None if texture is None else _read_image(texture)
