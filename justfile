@@ -11,6 +11,7 @@ rust:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets --locked -- -D warnings
     cargo test --workspace --locked
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
 
 # Style and types of the Python; the types of the core need the installed package.
 lint:
@@ -43,6 +44,10 @@ format:
 # Hashes of the fields of small runs: the same before and after a change of form.
 hashes:
     python benches/field_hashes.py
+
+# All generated surfaces at all levels, without and with distortion: the better part of an hour.
+sweep word="":
+    python tests/test_sweep.py {{ word }}
 
 # Criterion's benchmarks of the core, all or by name: `just bench perimeter`.
 bench *names:

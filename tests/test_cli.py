@@ -23,7 +23,7 @@ import phaseatlas as pa
 from phaseatlas import optimise, quality, segmentation
 from phaseatlas.cli import options
 from phaseatlas.cli.atlas import atlas
-from phaseatlas.cli.run import checked
+from phaseatlas.cli.process import checked
 from phaseatlas.cli.segment import segment
 
 

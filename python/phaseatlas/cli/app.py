@@ -9,7 +9,7 @@ import typer
 from .atlas import atlas
 from .demo import demo
 from .meshes import info, remesh
-from .run import USAGE, checked, say
+from .process import USAGE, checked, say
 from .segment import segment
 
 __all__ = ["app"]

@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 from . import options
+from .process import say
 from .report import say_metrics, say_tree
-from .run import say
 from .segment import segmented
 
 __all__ = ["demo"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from .run import say
+from .process import say
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
