@@ -191,6 +191,43 @@ def test_rings_of_a_torus_are_cut_open():
     assert atlas.metrics()["non_disk"] == 0
 
 
+@pytest.mark.parametrize("height", [0.1, 1.0, 10.0])
+def test_closed_charts_whose_vertices_are_all_neighbours_are_slit(height):
+    # On a tetrahedron every vertex is one edge away from every other, on a cone from its tip.
+    tetrahedron = pa.Surface(
+        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)],
+        [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)],
+    )
+    cone = trimesh.creation.cone(radius=1.0, height=height, sections=16)
+    for surface in (tetrahedron, pa.Surface(cone.vertices, cone.faces)):
+        whole = one_segment(surface)
+        atlas = pa.build_atlas(whole)
+        check_charts(whole, atlas)
+        assert atlas.charts[0].cut_length > 0.0
+
+
+def one_segment(surface):
+    labels = np.zeros(surface.n_faces, dtype=np.int64)
+    return pa.Segmentation(surface, labels, np.ones((1, surface.n_vertices)))
+
+
+def test_vertices_below_every_threshold_are_in_all_charts_that_label_a_face_there():
+    # The weights are those of a third segment that labels nothing. All corners of face 0 touch
+    # segment 1, whose domain ends at the neighbours of face 0.
+    surface = pa.datasets.icosphere(2)
+    labels = np.ones(surface.n_faces, dtype=np.int64)
+    labels[[0, *surface.face_neighbours[0]]] = 0
+    weights = np.zeros((3, surface.n_vertices))
+    weights[2] = 1.0
+    segmentation = pa.Segmentation(surface, labels, weights)
+    atlas = pa.build_atlas(segmentation)
+    check_charts(segmentation, atlas)
+    first, second = (dict(zip(c.vertices, c.weights, strict=True)) for c in atlas.charts)
+    for vertex in surface.faces[0]:
+        assert first[vertex] == second[vertex] == 0.5
+    assert (atlas.bake(lambda uv: np.full((len(uv), 3), 0.4), resolution=64) == 102).all()
+
+
 def test_cut_length_is_zero_where_nothing_was_cut(atlas):
     for chart in atlas.charts:
         copies = len(chart.vertices) - len(np.unique(chart.vertices))
