@@ -6,10 +6,13 @@ import io
 import json
 import math
 import struct
+import warnings
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
 
 import phaseatlas as pa
@@ -225,6 +228,54 @@ def test_vertices_below_every_threshold_are_in_all_charts_that_label_a_face_ther
     first, second = (dict(zip(c.vertices, c.weights, strict=True)) for c in atlas.charts)
     for vertex in surface.faces[0]:
         assert first[vertex] == second[vertex] == 0.5
+    assert (atlas.bake(lambda uv: np.full((len(uv), 3), 0.4), resolution=64) == 102).all()
+
+
+@st.composite
+def segmentations(draw):
+    """Cells around random faces of a legal surface; their weights need not fit the labels."""
+    side = st.floats(0.1, 5.0)
+    kind = draw(st.sampled_from(["box", "cone", "cylinder", "capsule", "torus", "tetrahedron"]))
+    if kind == "torus":
+        rings, sides = draw(st.integers(3, 16)), draw(st.integers(3, 12))
+        surface = pa.datasets.torus(1.0, draw(st.floats(0.1, 0.9)), rings, sides)
+    elif kind == "tetrahedron":
+        surface = pa.Surface(
+            [(0, 0, 0), (draw(side), 0, 0), (0, draw(side), 0), (0, 0, draw(side))],
+            [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)],
+        )
+    else:
+        sections, radius, height = draw(st.integers(3, 16)), draw(side), draw(side)
+        make = {
+            "box": lambda: trimesh.creation.box((radius, draw(side), height)),
+            "cone": lambda: trimesh.creation.cone(radius, height, sections=sections),
+            "cylinder": lambda: trimesh.creation.cylinder(radius, height, sections=sections),
+            "capsule": lambda: trimesh.creation.capsule(height, radius, [sections, sections]),
+        }
+        mesh = make[kind]()
+        surface = pa.Surface(mesh.vertices, mesh.faces)
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    count = draw(st.integers(1, min(8, surface.n_faces)))
+    centres = surface.vertices[surface.faces].mean(axis=1)
+    seeds = centres[rng.choice(surface.n_faces, count, replace=False)]
+    labels = np.linalg.norm(centres[:, None] - seeds, axis=2).argmin(axis=1)
+    distance = np.linalg.norm(surface.vertices[:, None] - seeds, axis=2) / np.sqrt(surface.area)
+    if draw(st.booleans()):
+        distance = rng.random(distance.shape)
+    sharpness = draw(st.sampled_from([0.0, 5.0, 50.0, 1e4]))
+    weights = np.exp(-sharpness * (distance - distance.min(axis=1, keepdims=True)))
+    return pa.Segmentation(surface, labels, (weights / weights.sum(axis=1, keepdims=True)).T)
+
+
+@settings(deadline=None, max_examples=40, derandomize=True, database=None)
+@given(segmentations(), st.sampled_from(["bff", "lscm"]))
+def test_charts_of_random_segments_never_fail(segmentation, flatten):
+    with warnings.catch_warnings():
+        # Coarse charts may overlap themselves, which is said.
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", pa.QualityWarning)
+        atlas = pa.build_atlas(segmentation, flatten=flatten, padding=1, resolution=128)
+    check_charts(segmentation, atlas)
     assert (atlas.bake(lambda uv: np.full((len(uv), 3), 0.4), resolution=64) == 102).all()
 
 

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from phaseatlas import _core, datasets
 from phaseatlas.atlas import Chart
 from phaseatlas.atlas.packing import pack
+from phaseatlas.quality import QualityWarning
 
 
 def charts_of(surface, labels):
@@ -38,6 +43,10 @@ def charts_of(surface, labels):
 
 @pytest.fixture(scope="module")
 def sheet():
+    return cut_sheet()
+
+
+def cut_sheet():
     """A sheet cut into stripes of different widths, one of them bent into an L."""
     surface = datasets.sheet(24, 12, size=(2.0, 1.0))
     centre = surface.vertices[surface.faces].mean(axis=1)
@@ -119,6 +128,48 @@ def test_very_small_charts_survive():
     labels[17] = 1
     uv = pack(charts_of(surface, labels), surface.n_faces)
     np.testing.assert_allclose(signed_areas(uv), signed_areas(uv)[17], rtol=1e-9)
+
+
+def test_strips_and_specks_have_their_places():
+    # Strips as long as the square, and a piece a thousandth of a texel wide.
+    surface = datasets.sheet(1, 30, size=(200.0, 1.0))
+    labels = np.arange(surface.n_faces) % 30
+    charts = charts_of(surface, labels)
+    speck = dataclasses.replace(charts[4], uv=1e-5 * charts[4].uv)
+    uv = pack((*charts[:4], speck, *charts[5:]), surface.n_faces)
+    assert _core.rasterize(uv, 1024)[1].max() == 1
+    assert uv.min() >= 0.0
+    assert uv.max() <= 1.0
+    assert (signed_areas(uv) > 0.0).all()
+
+
+def test_padding_without_room_is_said():
+    surface = datasets.sheet(12, 12)
+    labels = np.arange(surface.n_faces)
+    charts = charts_of(surface, labels)
+    message = r"padding: 288 pieces have no room for 8 texels between them at resolution 64, .* 1 "
+    with pytest.warns(QualityWarning, match=message):
+        uv = pack(charts, surface.n_faces, padding=8, resolution=64)
+    assert _core.rasterize(uv, 1024)[1].max() == 1
+
+
+def test_layout_is_the_same_for_any_number_of_threads(sheet):
+    surface, _, charts = sheet
+    uv = pack(charts, surface.n_faces)
+    code = (
+        "import sys, numpy as np, test_packing; from phaseatlas.atlas.packing import pack;"
+        "surface, _, charts = test_packing.cut_sheet();"
+        "sys.stdout.buffer.write(pack(charts, surface.n_faces).tobytes())"
+    )
+    environment = {**os.environ, "RAYON_NUM_THREADS": "1"}
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        env=environment,
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        check=True,
+    )
+    assert run.stdout == uv.tobytes()
 
 
 def test_wrong_input_is_named(sheet):

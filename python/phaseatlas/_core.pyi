@@ -15,6 +15,7 @@ __all__ = [
     "Distortion",
     "LimitedMemory",
     "Perimeter",
+    "Placement",
     "ScaledMap",
     "TriangleMesh",
     "__version__",
@@ -23,6 +24,7 @@ __all__ = [
     "cut_chart",
     "label_components",
     "lscm",
+    "pack",
     "parse_obj",
     "rasterize",
     "sample",
@@ -144,6 +146,17 @@ class ScaledMap:
 def cut_chart(mesh: TriangleMesh, faces: NDArray[np.int64]) -> CutChart: ...
 def lscm(mesh: TriangleMesh) -> NDArray[np.float64]: ...
 def bff(mesh: TriangleMesh) -> ScaledMap: ...
+
+@final
+class Placement:
+    @property
+    def low(self) -> NDArray[np.int64]: ...
+    @property
+    def turns(self) -> NDArray[np.int64]: ...
+
+def pack(
+    triangles: NDArray[np.float64], starts: NDArray[np.int64], gap: float, trials: int
+) -> Placement: ...
 def rasterize(
     uv: NDArray[np.float64], resolution: int
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]: ...

@@ -6,33 +6,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import xatlas
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from .. import _core
 from ..arrays import Floats, Ints
 from ..points import flat_areas
 from ..quality import warn
 from .charts import Chart
 
-# The packer searches positions texel by texel, at a cost that grows like the fourth power of this.
+# The packer searches positions cell by cell, at a cost that grows like the fourth power of this.
 _SEARCH_RESOLUTION = 512
-# Faces below these sizes, in texels of the search, are degenerate to xatlas in single precision.
-_SHORTEST_EDGE = 1e-3
-_SMALLEST_FACE = 1e-5
-# Shortest side of a rectangle that stands for a piece: its halves are above both sizes.
-_SHORTEST_SIDE = 1e-2
 # Packings to choose from; fewer of many pieces, where none is much better than another.
-_TRIALS = 12
-_TRIED_PIECES = 1200
+_TRIALS = 128
+_TRIED_PIECES = 12800
 # Share of the square that charts of ordinary shape fill; only sets how fine the search is.
 _EXPECTED_FILL = 0.7
-# Largest share of the side that the padding of the pieces may take, were they in a square grid.
+# Largest share of the side that the padding may take, were the pieces in a square grid.
 _MOST_PADDING = 0.5
-# The padding settles within three rounds; where it does not, the distance reached is said.
-_ROUNDS = 8
+# Factor on the padding in cells, which depends on the side of the square, known only afterwards.
+_MARGIN = 1.02
+# The padding settles in two, or in some more where it takes half of the side.
+_ROUNDS = 32
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,8 @@ def pack(
 
     Charts are turned and moved, never mirrored, and share one scale, so relative sizes are those
     of ``Chart.uv``. A chart whose labelled faces fall into several pieces is packed piece by piece.
-    Pieces are rasterised and placed by xatlas (Young 2018); it is asked for positions only, because
-    it stretches charts to whole texels and mirrors some when it turns them.
+    Pieces are placed one after the other, the large ones first, where the square around them grows
+    least: a search on a raster, see ``rust/core/src/packing.rs``.
 
     Parameters
     ----------
@@ -75,13 +72,11 @@ def pack(
     ValueError
         If a face is labelled by no chart or by several, a UV is not finite, a piece has no area in
         the plane, or an option is out of range.
-    RuntimeError
-        If xatlas drops or splits the rectangle of a piece.
 
     Warns
     -----
     QualityWarning
-        If so many pieces cannot be kept `padding` apart; they are as far apart as can be.
+        If there is no room to keep so many pieces `padding` apart.
     """
     check_packing(padding, resolution)
     _check_cover(charts, n_faces)
@@ -90,27 +85,23 @@ def pack(
     area = sum(float(flat_areas(island.corners).sum()) for island in islands)
     longest = max(float(island.corners.max()) for island in islands)
     unit = size * min(np.sqrt(_EXPECTED_FILL / area), 1.0 / longest)
-
-    room = int(_MOST_PADDING * resolution / np.sqrt(len(islands)))
-    wanted = min(padding, room)
-    # The padding in texels of the search depends on the side of the square, known only afterwards.
-    needed = wanted * size / resolution
-    for _ in range(_ROUNDS):
-        reach = int(np.ceil(0.5 * (needed + 1.0)))
-        offsets, turned, side = _best_placement(islands, unit, reach)
-        needed = wanted * side / (resolution - wanted)
-        if 2 * reach - 1 >= needed:
-            break
-    gap = min(needed, 2.0 * reach - 1.0)
-    kept = round(gap * resolution / (side + gap))
+    kept = min(padding, int(_MOST_PADDING * resolution / np.sqrt(len(islands))))
     if kept < padding:
         warn(
-            f"padding: {padding} texels at resolution {resolution} leave no room for "
-            f"{len(islands)} pieces, which are {kept} apart; a larger resolution helps"
+            f"padding: {len(islands)} pieces have no room for {padding} texels between them at "
+            f"resolution {resolution}, they are {kept} apart; a larger resolution helps"
         )
+
+    side = float(size)
+    for _ in range(_ROUNDS):
+        gap = _MARGIN * kept * side / (resolution - kept)
+        low, turned, side = _place([island.corners * unit for island in islands], gap)
+        needed = kept * side / (resolution - kept)
+        if gap >= needed:
+            break
     uv = np.empty((n_faces, 3, 2))
-    for island, corners, offset in zip(islands, turned, offsets, strict=True):
-        uv[island.faces] = (corners * unit + offset + 0.5 * gap) / (side + gap)
+    for island, corners, offset in zip(islands, turned, low, strict=True):
+        uv[island.faces] = (corners + offset + 0.5 * needed) / (side + needed)
     return uv
 
 
@@ -192,113 +183,16 @@ def _quarter_turns(corners: Floats, turns: int) -> Floats:
     return moved
 
 
-def _best_placement(
-    islands: Sequence[_Island], unit: float, reach: int
-) -> tuple[list[Floats], list[Floats], float]:
-    """Smallest of several packings that differ in how the pieces are turned."""
-    candidates = []
-    for turns in _turn_choices(len(islands)):
-        turned = [
-            _quarter_turns(island.corners, turn)
-            for island, turn in zip(islands, turns, strict=True)
-        ]
-        offsets, side = _place([corners * unit for corners in turned], reach)
-        candidates.append((offsets, turned, side))
-    return min(candidates, key=lambda candidate: candidate[2])
-
-
-def _turn_choices(count: int) -> list[list[int]]:
-    """Quarter turns of every piece: all lying, all standing, then draws from a fixed stream."""
-    trials = min(_TRIALS, 2 + _TRIED_PIECES // count)
-    draws = np.random.default_rng(0).integers(0, 4, (trials - 2, count))
-    return [[0] * count, [1] * count, *draws.tolist()]
-
-
-def _place(pieces: Sequence[Floats], reach: int) -> tuple[list[Floats], float]:
-    """Low corner of each piece and the side of the square, both in texels of the search.
-
-    Every piece keeps ``reach`` texels around it to itself. Pieces end up at least 2 reach - 1
-    apart: xatlas stretches them to whole texels, and undoing that moves each point by up to one.
-    A piece that xatlas drops or splits is placed as its rectangle.
-    """
-    solid = [_solid(piece, reach) for piece in pieces]
-    low, torn, side = _place_solid(solid, reach)
-    if torn.any():
-        solid = [
-            _rectangle(piece) if bad else part
-            for piece, part, bad in zip(pieces, solid, torn, strict=True)
-        ]
-        low, torn, side = _place_solid(solid, reach)
-    if torn.any():
-        raise RuntimeError(f"xatlas dropped or split piece {np.argmax(torn)} of {len(pieces)}")
-    offsets = [at - piece.min(axis=(0, 1)) for at, piece in zip(low, solid, strict=True)]
-    return offsets, side
-
-
-def _place_solid(pieces: Sequence[Floats], reach: int) -> tuple[Floats, NDArray[np.bool_], float]:
-    """Low corners as xatlas places them, which pieces it dropped or split, side of the square."""
-    sizes = [len(piece) for piece in pieces]
-    corners = np.concatenate(pieces).reshape(-1, 2)
-    owner = np.repeat(np.arange(len(pieces)), sizes)
-    # xatlas takes two meshes whose buffers have the same address for copies of each other, which
-    # freed temporaries of one call per chart can have: one mesh, told apart by material, is safe.
-    uvs = np.ascontiguousarray(corners, dtype=np.float32)
-    indices = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
-    atlas = xatlas.Atlas()
-    atlas.add_uv_mesh(uvs, indices, np.ascontiguousarray(owner[:, None], dtype=np.uint32))
-    options = xatlas.PackOptions()
-    options.texels_per_unit = 1.0
-    options.padding = reach
-    options.bilinear = False
-    options.bruteForce = True
-    options.rotate_charts = False
-    options.rotate_charts_to_axis = False
-    atlas.generate(pack_options=options)
-    if atlas.atlas_count != 1:
-        raise RuntimeError(f"xatlas spread the charts over {atlas.atlas_count} textures, not 1")
-
-    source, _, placed = atlas[0]
-    texels = placed.astype(np.float64) * [atlas.width, atlas.height]
-    piece = np.repeat(owner, 3)[source]
-    low = np.full((len(pieces), 2), np.inf)
-    high = np.full((len(pieces), 2), -np.inf)
-    np.minimum.at(low, piece, texels)
-    np.maximum.at(high, piece, texels)
-    extents = np.array([np.ptp(piece, axis=(0, 1)) for piece in pieces])
-    # It rounds sides up to whole texels; a piece that spans more has been torn apart.
-    sound = np.isfinite(low) & (high - low <= extents + 1.5)
-    return low, ~sound.all(axis=1), float(max(atlas.width, atlas.height))
-
-
-def _solid(piece: Floats, reach: int) -> Floats:
-    """The largest part of a piece that xatlas does not take for degenerate.
-
-    A conformal map shrinks the tip of a limb to less than single precision resolves; xatlas
-    ignores such faces, and what is joined by them alone would be placed apart. They lie inside
-    the rest, whose outline is what counts. Where they do not, the rectangle of the piece counts.
-    """
-    edges = np.linalg.norm(piece - np.roll(piece, 1, axis=1), axis=2)
-    areas = flat_areas(piece)
-    sound = (edges.min(axis=1) > _SHORTEST_EDGE) & (areas > _SMALLEST_FACE)
-    if sound.all():
-        return piece
-    if not sound.any():
-        return _rectangle(piece)
-    kept = np.flatnonzero(sound)
-    _, vertices = np.unique(piece.reshape(-1, 2), axis=0, return_inverse=True)
-    count, part = _edge_components(vertices.reshape(-1, 3)[kept])
-    weight = np.bincount(part, weights=areas[kept], minlength=count)
-    solid: Floats = piece[kept[part == np.argmax(weight)]]
-    beyond = np.maximum(
-        solid.min(axis=(0, 1)) - piece.min(axis=(0, 1)),
-        piece.max(axis=(0, 1)) - solid.max(axis=(0, 1)),
-    )
-    return _rectangle(piece) if (beyond > 0.5 * reach).any() else solid
-
-
-def _rectangle(piece: Floats) -> Floats:
-    """The bounding rectangle of a piece as two triangles of a size that xatlas sees."""
-    x, y = np.maximum(np.ptp(piece, axis=(0, 1)), _SHORTEST_SIDE)
-    halves = np.array([[(0.0, 0.0), (x, 0.0), (x, y)], [(0.0, 0.0), (x, y), (0.0, y)]])
-    rectangle: Floats = halves + piece.min(axis=(0, 1))
-    return rectangle
+def _place(pieces: Sequence[Floats], gap: float) -> tuple[Ints, list[Floats], float]:
+    """Low corners of the pieces, the pieces turned, and the side of the square, all in cells."""
+    starts = np.cumsum([0, *(len(piece) for piece in pieces)])
+    trials = min(_TRIALS, 1 + _TRIED_PIECES // len(pieces))
+    placement = _core.pack(np.concatenate(pieces), starts, gap, trials)
+    turned = [
+        _quarter_turns(piece, turns)
+        for piece, turns in zip(pieces, placement.turns.tolist(), strict=True)
+    ]
+    high = [
+        piece.max(axis=(0, 1)) + offset for piece, offset in zip(turned, placement.low, strict=True)
+    ]
+    return placement.low, turned, float(np.max(high))

@@ -29,6 +29,7 @@ pub mod linear;
 pub mod mesh;
 pub mod obj;
 pub mod operators;
+pub mod packing;
 mod parallel;
 pub mod potentials;
 pub mod raster;
