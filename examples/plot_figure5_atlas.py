@@ -146,7 +146,9 @@ table(rows)
 # The descent of the first node of level 3, drawn where its parent's indicator is.
 unit = surface.scaled(surface.area**-0.5)
 weight = tree.weights_at(3)[0]
-start = np.random.default_rng(0).uniform(-1, 1, surface.n_vertices)
+# On the coarse surface, where a face is large, two of six starts leave a single one on its own.
+seed = 2 if arguments.quick else 0
+start = np.random.default_rng(seed).uniform(-1, 1, surface.n_vertices)
 steps = [5, 15, 40]
 fields, last = descend(unit, 2 * unit.mean_edge_length, start, steps, weight=weight)
 descent, rows = [], []
