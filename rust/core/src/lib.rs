@@ -31,6 +31,7 @@ pub mod obj;
 pub mod operators;
 pub mod packing;
 mod parallel;
+pub mod partition;
 pub mod potentials;
 pub mod raster;
 pub mod surface;

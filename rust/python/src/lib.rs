@@ -14,6 +14,7 @@ mod memory;
 mod mesh;
 mod obj;
 mod packing;
+mod partition;
 mod pool;
 mod raster;
 
@@ -55,6 +56,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<functionals::Connectedness>()?;
     module.add_class::<functionals::Distortion>()?;
     module.add_class::<lbfgs::LimitedMemory>()?;
+    module.add_class::<partition::Partition>()?;
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
     module.add_class::<flatten::CutChart>()?;
     module.add_class::<flatten::ScaledMap>()?;

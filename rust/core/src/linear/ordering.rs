@@ -25,6 +25,8 @@ pub enum Ordering {
     /// Approximate minimum degree or nested dissection, whichever takes less arithmetic: for a
     /// pattern that is factored many times.
     LeastWork,
+    /// The order of the rows: for a matrix that comes in a good order already.
+    Given,
 }
 
 /// Adjacency of an undirected graph without loops.

@@ -81,12 +81,15 @@ impl SymbolicFactorisation {
         factorisation: Factorisation,
     ) -> Result<Self> {
         let n = column_starts.len() - 1;
-        let graph = Graph::new(column_starts, rows);
-        let mut order = minimum_degree(&graph)?;
+        let graph = (ordering != Ordering::Given).then(|| Graph::new(column_starts, rows));
+        let mut order = match &graph {
+            None => (0..n as u32).collect(),
+            Some(graph) => minimum_degree(graph)?,
+        };
         let mut upper = permute(column_starts, rows, &order, Triangle::Upper);
         let mut counts = column_counts(&upper.pattern)?;
-        if ordering == Ordering::LeastWork {
-            let other = nested_dissection(&graph)?;
+        if let (Some(graph), Ordering::LeastWork) = (&graph, ordering) {
+            let other = nested_dissection(graph)?;
             let other_upper = permute(column_starts, rows, &other, Triangle::Upper);
             let other_counts = column_counts(&other_upper.pattern)?;
             if work(&other_counts) < work(&counts) {

@@ -1,0 +1,244 @@
+//! A partition into charts, and the lists of faces that the moves work on.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::energy::{Chart, Energies, Rule};
+use super::geometry::Geometry;
+
+/// Charts that share the faces of the surface among them.
+#[derive(Debug, Clone)]
+pub(super) struct Charts {
+    /// Chart of each face.
+    pub labels: Vec<u32>,
+    pub charts: Vec<Arc<Chart>>,
+}
+
+/// Two charts and the length of their common boundary, by the smaller index first.
+pub(super) type Seams = BTreeMap<(u32, u32), f64>;
+
+impl Charts {
+    /// The connected pieces of equal label.
+    pub fn new(energies: &Energies, labels: &[u32], rule: &Rule) -> Self {
+        let all: Vec<u32> = (0..labels.len() as u32).collect();
+        let pieces = pieces(&energies.geometry, &all, |f| labels[f as usize]);
+        let mut charts = Self {
+            labels: vec![0; labels.len()],
+            charts: Vec::new(),
+        };
+        charts.charts = pieces
+            .into_par_iter()
+            .map(|faces| energies.chart(faces, rule))
+            .collect();
+        charts.relabel();
+        charts
+    }
+
+    fn relabel(&mut self) {
+        for (label, chart) in self.charts.iter().enumerate() {
+            for &f in &chart.faces {
+                self.labels[f as usize] = label as u32;
+            }
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.charts.len()
+    }
+
+    pub fn energy(&self, rule: &Rule) -> f64 {
+        self.charts
+            .iter()
+            .map(|chart| rule.cost(&chart.terms))
+            .sum()
+    }
+
+    /// Puts another chart in the place of chart `label`.
+    pub fn replace(&mut self, label: u32, chart: Arc<Chart>) {
+        for &f in &chart.faces {
+            self.labels[f as usize] = label;
+        }
+        self.charts[label as usize] = chart;
+    }
+
+    /// Puts new charts in the place of those at `removed`.
+    pub fn exchange(&mut self, removed: &[u32], added: Vec<Arc<Chart>>) {
+        let mut label = 0;
+        self.charts.retain(|_| {
+            label += 1;
+            !removed.contains(&(label - 1))
+        });
+        self.charts.extend(added);
+        self.relabel();
+    }
+
+    /// Computes all figures again where the rule asks for more of them.
+    pub fn under(&self, energies: &Energies, rule: &Rule) -> Self {
+        Self {
+            labels: self.labels.clone(),
+            charts: self
+                .charts
+                .par_iter()
+                .map(|chart| energies.chart(chart.faces.clone(), rule))
+                .collect(),
+        }
+    }
+
+    pub fn seams(&self, geometry: &Geometry) -> Seams {
+        let mut seams = Seams::new();
+        for (f, &a) in self.labels.iter().enumerate() {
+            for (h, g) in geometry.around(f) {
+                let b = self.labels[g];
+                if a < b {
+                    *seams.entry((a, b)).or_default() += geometry.lengths[h];
+                }
+            }
+        }
+        seams
+    }
+}
+
+/// Sorted union of two sorted lists without common faces.
+pub(super) fn union(a: &[u32], b: &[u32]) -> Vec<u32> {
+    let mut faces = Vec::with_capacity(a.len() + b.len());
+    let (mut i, mut j) = (0, 0);
+    while i < a.len() && j < b.len() {
+        if a[i] < b[j] {
+            faces.push(a[i]);
+            i += 1;
+        } else {
+            faces.push(b[j]);
+            j += 1;
+        }
+    }
+    faces.extend_from_slice(&a[i..]);
+    faces.extend_from_slice(&b[j..]);
+    faces
+}
+
+/// Connected pieces of equal label among sorted faces, each sorted, by their first faces.
+pub(super) fn pieces<L: PartialEq>(
+    geometry: &Geometry,
+    faces: &[u32],
+    label: impl Fn(u32) -> L,
+) -> Vec<Vec<u32>> {
+    let mut open = Members::new(faces);
+    let mut pieces = Vec::new();
+    for (i, &seed) in faces.iter().enumerate() {
+        if !open.take(i) {
+            continue;
+        }
+        let mut piece = vec![seed];
+        let mut head = 0;
+        while let Some(&f) = piece.get(head) {
+            head += 1;
+            for (_, g) in geometry.around(f as usize) {
+                let g = g as u32;
+                if let Some(j) = open.position(g)
+                    && label(g) == label(seed)
+                    && open.take(j)
+                {
+                    piece.push(g);
+                }
+            }
+        }
+        piece.sort_unstable();
+        pieces.push(piece);
+    }
+    pieces
+}
+
+/// Which faces of a sorted list are still to be visited.
+struct Members<'a> {
+    faces: &'a [u32],
+    /// First position at or after each block of 64 face indices, to search in little.
+    blocks: Vec<u32>,
+    first: u32,
+    open: Vec<bool>,
+}
+
+impl<'a> Members<'a> {
+    fn new(faces: &'a [u32]) -> Self {
+        let first = faces.first().map_or(0, |f| f / 64);
+        let last = faces.last().map_or(0, |f| f / 64);
+        let mut blocks = vec![0; (last - first) as usize + 2];
+        for &f in faces {
+            blocks[(f / 64 - first) as usize + 1] += 1;
+        }
+        for k in 1..blocks.len() {
+            blocks[k] += blocks[k - 1];
+        }
+        Self {
+            faces,
+            blocks,
+            first,
+            open: vec![true; faces.len()],
+        }
+    }
+
+    fn position(&self, f: u32) -> Option<usize> {
+        let block = (f / 64).checked_sub(self.first)? as usize;
+        if block + 1 >= self.blocks.len() {
+            return None;
+        }
+        let range = self.blocks[block] as usize..self.blocks[block + 1] as usize;
+        let offset = self.faces[range.clone()].binary_search(&f).ok()?;
+        Some(range.start + offset)
+    }
+
+    fn take(&mut self, i: usize) -> bool {
+        std::mem::take(&mut self.open[i])
+    }
+}
+
+/// Gives the pieces of faces below `smallest` area, smallest first, to the piece with which they
+/// share the longest boundary; `piece` has the piece of each face, and is changed.
+pub(super) fn join_small(
+    geometry: &Geometry,
+    pieces: Vec<Vec<u32>>,
+    smallest: f64,
+) -> Vec<Vec<u32>> {
+    let mut owner = BTreeMap::new();
+    for (label, piece) in pieces.iter().enumerate() {
+        for &f in piece {
+            owner.insert(f, label);
+        }
+    }
+    let mut areas: Vec<f64> = pieces.iter().map(|piece| geometry.area_of(piece)).collect();
+    let mut shared: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); pieces.len()];
+    for (&f, &a) in &owner {
+        for (h, g) in geometry.around(f as usize) {
+            if let Some(&b) = owner.get(&(g as u32))
+                && a != b
+            {
+                *shared[a].entry(b).or_default() += geometry.lengths[h];
+            }
+        }
+    }
+    let mut pieces: Vec<Option<Vec<u32>>> = pieces.into_iter().map(Some).collect();
+    loop {
+        let small = (0..pieces.len())
+            .filter(|&a| pieces[a].is_some() && areas[a] < smallest && !shared[a].is_empty())
+            .min_by(|&a, &b| areas[a].total_cmp(&areas[b]).then(a.cmp(&b)));
+        let Some(a) = small else { break };
+        let Some((&b, _)) = shared[a].iter().max_by(|x, y| x.1.total_cmp(y.1)) else {
+            break;
+        };
+        for (c, length) in std::mem::take(&mut shared[a]) {
+            shared[c].remove(&a);
+            if c != b {
+                *shared[c].entry(b).or_default() += length;
+                *shared[b].entry(c).or_default() += length;
+            }
+        }
+        areas[b] += areas[a];
+        if let Some(piece) = pieces[a].take()
+            && let Some(other) = &mut pieces[b]
+        {
+            *other = union(other, &piece);
+        }
+    }
+    pieces.into_iter().flatten().collect()
+}

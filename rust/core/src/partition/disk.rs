@@ -1,0 +1,224 @@
+//! A connected set of faces opened to a disk, by half-edges of the surface: nothing is copied.
+
+use super::cut::cut_to_disk;
+use super::geometry::{Geometry, next};
+use crate::mesh::NONE;
+
+/// Cosine of the angle between normals below which faces do not lie in one plane.
+const COPLANAR: f64 = 1.0 - 1e-14;
+
+/// Marks of the faces and vertices of one chart in arrays of the whole surface, which are never
+/// cleared: a mark counts where its stamp is the current one.
+#[derive(Debug, Default)]
+pub(super) struct Marks {
+    stamp: u32,
+    faces: Vec<(u32, u32)>,
+    vertices: Vec<(u32, u32)>,
+}
+
+impl Marks {
+    fn restart(&mut self, geometry: &Geometry) {
+        self.faces.resize(geometry.n_faces(), (0, 0));
+        self.vertices.resize(geometry.n_vertices(), (0, 0));
+        self.stamp = match self.stamp.checked_add(1) {
+            Some(stamp) => stamp,
+            None => {
+                self.faces.fill((0, 0));
+                self.vertices.fill((0, 0));
+                1
+            }
+        };
+    }
+
+    fn set_face(&mut self, f: usize, value: u32) {
+        self.faces[f] = (self.stamp, value);
+    }
+
+    /// Place of a face in the chart.
+    #[inline]
+    pub fn face(&self, f: usize) -> Option<usize> {
+        let (stamp, value) = self.faces[f];
+        (stamp == self.stamp).then_some(value as usize)
+    }
+
+    pub fn set_vertex(&mut self, v: usize, value: u32) {
+        self.vertices[v] = (self.stamp, value);
+    }
+
+    #[inline]
+    pub fn vertex(&self, v: usize) -> Option<usize> {
+        let (stamp, value) = self.vertices[v];
+        (stamp == self.stamp && value != NONE).then_some(value as usize)
+    }
+}
+
+/// A chart as a disk: its inner vertices, and its boundary loop with what lies around it.
+#[derive(Debug)]
+pub(super) struct Disk {
+    /// Surface vertices with all faces in the chart and off the cut, by rank of elimination; their
+    /// places here are in the marks.
+    pub inner: Vec<u32>,
+    /// The half-edges of the boundary in order, the chart on their left.
+    pub boundary: Vec<u32>,
+    /// The half-edges that start at the vertex where `boundary[i]` starts, in its one fan of faces:
+    /// `fans[fan_starts[i]..fan_starts[i + 1]]`, `boundary[i]` last.
+    pub fans: Vec<u32>,
+    pub fan_starts: Vec<usize>,
+    pub shape: Shape,
+}
+
+/// Figures of a chart that need no solve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Shape {
+    /// Euler characteristic before the cut.
+    pub euler_characteristic: i64,
+    /// Length of the cut.
+    pub cut: f64,
+    /// Length of the boundary, without that of the surface.
+    pub perimeter: f64,
+}
+
+/// What comes of opening a chart.
+#[derive(Debug)]
+pub(super) enum Opened {
+    Disk(Disk),
+    /// The faces lie in one plane with holes: flat as they are.
+    Planar(Shape),
+    /// A closed surface of so few faces that a cut does not open it.
+    Closed(Shape),
+}
+
+impl Disk {
+    /// Opens the chart of the given faces, which are sorted and connected.
+    pub fn open(geometry: &Geometry, faces: &[u32], marks: &mut Marks) -> Opened {
+        marks.restart(geometry);
+        for (i, &f) in faces.iter().enumerate() {
+            marks.set_face(f as usize, i as u32);
+        }
+        let mut met: Vec<u32> = Vec::with_capacity(faces.len() / 2 + 16);
+        let (mut n_boundary, mut perimeter) = (0, 0.0);
+        for &f in faces {
+            for h in 3 * f as usize..3 * f as usize + 3 {
+                let v = geometry.origins[h] as usize;
+                match marks.vertex(v) {
+                    Some(count) => marks.set_vertex(v, count as u32 + 1),
+                    None => {
+                        marks.set_vertex(v, 1);
+                        met.push(v as u32);
+                    }
+                }
+                match geometry.across(h) {
+                    Some(g) if marks.face(g).is_some() => (),
+                    Some(_) => {
+                        n_boundary += 1;
+                        perimeter += geometry.lengths[h];
+                    }
+                    None => n_boundary += 1,
+                }
+            }
+        }
+        let degrees = &geometry.vertices.degrees;
+        let mut inner: Vec<u32> = Vec::with_capacity(met.len());
+        for &v in &met {
+            if marks.vertex(v as usize) == Some(degrees[v as usize] as usize) {
+                inner.push(v);
+            } else {
+                marks.set_vertex(v as usize, NONE);
+            }
+        }
+        // A fan at the boundary has one half-edge out, so that there are as many of both.
+        let euler = |inner: usize, boundary: usize| {
+            inner as i64 - (faces.len() as i64 - boundary as i64) / 2
+        };
+        let mut shape = Shape {
+            euler_characteristic: euler(inner.len(), n_boundary),
+            cut: 0.0,
+            perimeter,
+        };
+        let mut cut = Vec::new();
+        if shape.euler_characteristic != 1 {
+            if n_boundary > 0 && planar(geometry, faces) {
+                return Opened::Planar(shape);
+            }
+            place(geometry, &mut inner, marks);
+            let opening = cut_to_disk(geometry, faces, &inner, marks);
+            (cut, shape.cut) = (opening.half_edges, opening.length);
+            for (i, _) in cut.iter().enumerate().filter(|(_, is_cut)| **is_cut) {
+                n_boundary += 1;
+                marks.set_vertex(
+                    geometry.origins[3 * faces[i / 3] as usize + i % 3] as usize,
+                    NONE,
+                );
+            }
+            inner.retain(|&v| marks.vertex(v as usize).is_some());
+            if euler(inner.len(), n_boundary) != 1 {
+                return Opened::Closed(shape);
+            }
+        }
+        place(geometry, &mut inner, marks);
+
+        let is_boundary = |h: usize| match geometry.across(h) {
+            Some(g) if marks.face(g).is_some() => {
+                !cut.is_empty() && marks.face(h / 3).is_some_and(|i| cut[3 * i + h % 3])
+            }
+            _ => true,
+        };
+        let start = faces
+            .iter()
+            .flat_map(|&f| 3 * f as usize..3 * f as usize + 3)
+            .find(|&h| is_boundary(h));
+        let mut disk = Self {
+            inner,
+            boundary: Vec::with_capacity(n_boundary),
+            fans: Vec::with_capacity(4 * n_boundary),
+            fan_starts: vec![0],
+            shape,
+        };
+        if let Some(start) = start {
+            let mut h = start;
+            loop {
+                h = walk_fan(geometry, h, &is_boundary, &mut disk.fans);
+                disk.fan_starts.push(disk.fans.len());
+                disk.boundary.push(h as u32);
+                if h == start || disk.boundary.len() > n_boundary {
+                    break;
+                }
+            }
+        }
+        if disk.boundary.len() == n_boundary {
+            Opened::Disk(disk)
+        } else {
+            Opened::Closed(shape)
+        }
+    }
+}
+
+/// Turns about the end of boundary half-edge `h`; returns the boundary half-edge that leaves it.
+pub(super) fn walk_fan(
+    geometry: &Geometry,
+    h: usize,
+    is_boundary: &impl Fn(usize) -> bool,
+    fan: &mut Vec<u32>,
+) -> usize {
+    let mut h = next(h);
+    fan.push(h as u32);
+    while !is_boundary(h) {
+        h = next(geometry.twins[h] as usize);
+        fan.push(h as u32);
+    }
+    h
+}
+
+fn place(geometry: &Geometry, inner: &mut [u32], marks: &mut Marks) {
+    inner.sort_unstable_by_key(|&v| geometry.vertices.ranks[v as usize]);
+    for (i, &v) in inner.iter().enumerate() {
+        marks.set_vertex(v as usize, i as u32);
+    }
+}
+
+fn planar(geometry: &Geometry, faces: &[u32]) -> bool {
+    let first = geometry.normals[faces[0] as usize];
+    faces
+        .iter()
+        .all(|&f| super::geometry::dot(geometry.normals[f as usize], first) > COPLANAR)
+}

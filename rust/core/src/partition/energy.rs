@@ -1,0 +1,387 @@
+//! What a chart costs: its boundary, its cut, the distortion of its conformal map, its overlap.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use super::disk::{Disk, Marks, Opened};
+use super::geometry::Geometry;
+use super::polygon::{covered_twice, is_simple, turn};
+use super::random::mixed;
+use crate::error::Result;
+use crate::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
+use crate::parallel::Buffers;
+
+/// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts
+/// plug peaks.
+const CHART: f64 = 0.1;
+/// Area that is covered twice, relative to squared log scale.
+const OVERLAP: f64 = 0.25;
+/// Tables of known energies, so that threads rarely wait for each other.
+const SHARDS: usize = 16;
+
+/// Figures of a chart on the surface of unit area.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Terms {
+    /// Euler characteristic before the cut.
+    pub euler_characteristic: i64,
+    /// Length of the boundary but that of the surface.
+    pub perimeter: f64,
+    /// Length of the cut that opens it to a disk.
+    pub cut: f64,
+    /// Integral of the squared log scale of the conformal map that keeps lengths on the boundary.
+    pub distortion: f64,
+    /// Area that the boundary of the map covers more than once.
+    pub overlap: f64,
+    /// Whether the boundary of the map does not cross itself.
+    pub simple: bool,
+    /// Faces that the map turns over, once they have been counted.
+    pub flips: Option<usize>,
+}
+
+impl Terms {
+    pub fn injective(&self) -> bool {
+        self.simple && self.flips == Some(0)
+    }
+}
+
+/// The weights of the energy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rule {
+    /// Weight of the integral of the squared log scale.
+    pub distortion: f64,
+    /// Whether a chart that overlaps itself costs infinitely much.
+    pub injective: bool,
+}
+
+impl Rule {
+    /// The share of a chart in the energy; a seam counts half for the chart on either side.
+    pub fn cost(&self, terms: &Terms) -> f64 {
+        if self.injective && !terms.injective() {
+            return f64::INFINITY;
+        }
+        0.5 * terms.perimeter
+            + terms.cut
+            + CHART
+            + self.distortion * (terms.distortion + OVERLAP * terms.overlap)
+    }
+}
+
+/// A connected set of faces and its figures.
+#[derive(Debug)]
+pub(super) struct Chart {
+    /// Sorted.
+    pub faces: Vec<u32>,
+    pub hash: u128,
+    pub area: f64,
+    pub terms: Terms,
+    sensitivity: OnceLock<Vec<f64>>,
+}
+
+/// The surface, and the energies of all charts that have been asked for.
+pub(super) struct Energies {
+    pub geometry: Geometry,
+    marks: Buffers<Marks>,
+    known: [Mutex<HashMap<u128, Terms>>; SHARDS],
+}
+
+impl Energies {
+    pub fn new(geometry: Geometry) -> Self {
+        Self {
+            geometry,
+            marks: Buffers::default(),
+            known: Default::default(),
+        }
+    }
+
+    /// A number for a set of faces, no two alike; that of a union is the exclusive or.
+    pub fn hash(&self, faces: &[u32]) -> u128 {
+        faces.iter().fold(0, |hash, &f| hash ^ face_hash(f))
+    }
+
+    /// The chart of sorted, connected faces.
+    pub fn chart(&self, faces: Vec<u32>, rule: &Rule) -> Arc<Chart> {
+        let hash = self.hash(&faces);
+        let terms = self
+            .known(hash, rule)
+            .unwrap_or_else(|| self.evaluate(hash, &faces, rule));
+        Arc::new(Chart {
+            hash,
+            area: self.geometry.area_of(&faces),
+            terms,
+            faces,
+            sensitivity: OnceLock::new(),
+        })
+    }
+
+    /// The figures of a set of faces that has been evaluated before.
+    pub fn known(&self, hash: u128, rule: &Rule) -> Option<Terms> {
+        let known = lock(&self.known[hash as usize % SHARDS]);
+        let terms = known.get(&hash).copied()?;
+        (!rule.injective || !terms.simple || terms.flips.is_some()).then_some(terms)
+    }
+
+    pub fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> Terms {
+        let mut marks = self.marks.take().unwrap_or_default();
+        let terms = terms(&self.geometry, faces, rule.injective, &mut marks);
+        self.marks.give_back(marks);
+        lock(&self.known[hash as usize % SHARDS]).insert(hash, terms);
+        terms
+    }
+
+    /// Change of the distortion of a chart for each area that it gains at its boundary: grad s .
+    /// grad p on each face, where the log scale s and its adjoint p vanish on the boundary and
+    /// -lap p = 2 s.
+    pub fn sensitivity<'a>(&self, chart: &'a Chart) -> &'a [f64] {
+        chart.sensitivity.get_or_init(|| {
+            let mut marks = self.marks.take().unwrap_or_default();
+            let values = sensitivity(&self.geometry, &chart.faces, &mut marks);
+            self.marks.give_back(marks);
+            values.unwrap_or_else(|| vec![0.0; chart.faces.len()])
+        })
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+pub(super) fn face_hash(face: u32) -> u128 {
+    let low = mixed(u64::from(face) << 1);
+    let high = mixed((u64::from(face) << 1) | 1);
+    u128::from(high) << 64 | u128::from(low)
+}
+
+fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Marks) -> Terms {
+    let (shape, disk) = match Disk::open(geometry, faces, marks) {
+        Opened::Disk(disk) => (disk.shape, Some(disk)),
+        Opened::Planar(shape) => {
+            return Terms {
+                euler_characteristic: shape.euler_characteristic,
+                perimeter: shape.perimeter,
+                cut: 0.0,
+                distortion: 0.0,
+                overlap: 0.0,
+                simple: true,
+                flips: Some(0),
+            };
+        }
+        Opened::Closed(shape) => (shape, None),
+    };
+    let mut terms = Terms {
+        euler_characteristic: shape.euler_characteristic,
+        perimeter: shape.perimeter,
+        cut: shape.cut,
+        distortion: f64::INFINITY,
+        overlap: 0.0,
+        simple: false,
+        flips: None,
+    };
+    let Some(disk) = disk else { return terms };
+    let Ok(mut cholesky) = factor(geometry, &disk, marks) else {
+        return terms;
+    };
+    let Ok(log_scale) = log_scale(geometry, &disk, &mut cholesky) else {
+        return terms;
+    };
+    let boundary = flat_boundary(geometry, &disk, &log_scale, marks);
+    terms.distortion = disk
+        .inner
+        .iter()
+        .zip(&log_scale)
+        .map(|(&v, s)| geometry.vertices.masses[v as usize] * s * s)
+        .sum();
+    terms.simple = is_simple(&boundary);
+    if !terms.simple {
+        terms.overlap = covered_twice(&boundary);
+    } else if count_flips {
+        terms.flips = flips(geometry, faces, &disk, &mut cholesky, &boundary, marks).ok();
+    }
+    if !terms.distortion.is_finite() {
+        terms.distortion = f64::INFINITY;
+        terms.simple = false;
+    }
+    terms
+}
+
+/// The factor of the stiffness matrix of the inner vertices.
+fn factor(geometry: &Geometry, disk: &Disk, marks: &Marks) -> Result<Option<Cholesky>> {
+    if disk.inner.is_empty() {
+        return Ok(None);
+    }
+    let vertices = &geometry.vertices;
+    let mut starts = Vec::with_capacity(disk.inner.len() + 1);
+    let mut rows = Vec::with_capacity(4 * disk.inner.len());
+    let mut values = Vec::with_capacity(4 * disk.inner.len());
+    starts.push(0);
+    for (j, &v) in disk.inner.iter().enumerate() {
+        let v = v as usize;
+        rows.push(j as u32);
+        values.push(vertices.diagonal[v]);
+        for entry in vertices.row_starts[v]..vertices.row_starts[v + 1] {
+            if let Some(i) = marks.vertex(vertices.columns[entry] as usize)
+                && i > j
+            {
+                rows.push(i as u32);
+                values.push(vertices.values[entry]);
+            }
+        }
+        starts.push(rows.len());
+    }
+    let analysis =
+        SymbolicFactorisation::new(&starts, &rows, Ordering::Given, Factorisation::Automatic)?;
+    let mut cholesky = Cholesky::new(Arc::new(analysis))?;
+    cholesky.factor(&values)?;
+    Ok(Some(cholesky))
+}
+
+/// Minus the log scale u of the flat metric e^{2 u} g with u = 0 on the boundary, at the inner
+/// vertices.
+fn log_scale(
+    geometry: &Geometry,
+    disk: &Disk,
+    cholesky: &mut Option<Cholesky>,
+) -> Result<Vec<f64>> {
+    let mut s: Vec<f64> = disk
+        .inner
+        .iter()
+        .map(|&v| geometry.vertices.defects[v as usize])
+        .collect();
+    if let Some(cholesky) = cholesky {
+        cholesky.solve(&mut s)?;
+    }
+    Ok(s)
+}
+
+/// The boundary in the plane: turned as the scale prescribes, its edges kept in length but for the
+/// least change that closes the curve (Sawhney and Crane 2017).
+fn flat_boundary(
+    geometry: &Geometry,
+    disk: &Disk,
+    log_scale: &[f64],
+    marks: &Marks,
+) -> Vec<[f64; 2]> {
+    let mut angle = 0.0_f64;
+    let mut tangents = Vec::with_capacity(disk.boundary.len());
+    for fan in disk.fan_starts.windows(2) {
+        angle += std::f64::consts::PI;
+        for &h in &disk.fans[fan[0]..fan[1]] {
+            let h = h as usize;
+            angle -= geometry.angles[h];
+            if let Some(w) = marks.vertex(head(geometry, h)) {
+                angle -= geometry.stiffness[h] * log_scale[w];
+            }
+        }
+        tangents.push([angle.cos(), angle.sin()]);
+    }
+    let lengths = || disk.boundary.iter().map(|&h| geometry.lengths[h as usize]);
+    let mut gap = [0.0; 2];
+    let mut normal = [[0.0; 2]; 2];
+    for (tangent, length) in tangents.iter().zip(lengths()) {
+        for r in 0..2 {
+            gap[r] += length * tangent[r];
+            for c in 0..2 {
+                normal[r][c] += length * tangent[r] * tangent[c];
+            }
+        }
+    }
+    let determinant = normal[0][0] * normal[1][1] - normal[0][1] * normal[1][0];
+    let correction = [
+        (normal[1][1] * gap[0] - normal[0][1] * gap[1]) / determinant,
+        (normal[0][0] * gap[1] - normal[1][0] * gap[0]) / determinant,
+    ];
+    let mut point = [0.0; 2];
+    let mut curve = Vec::with_capacity(tangents.len());
+    for (tangent, length) in tangents.iter().zip(lengths()) {
+        curve.push(point);
+        let change = 1.0 - correction[0] * tangent[0] - correction[1] * tangent[1];
+        for axis in 0..2 {
+            point[axis] += change * length * tangent[axis];
+        }
+    }
+    curve
+}
+
+/// Faces that the harmonic extension of the boundary turns over.
+fn flips(
+    geometry: &Geometry,
+    faces: &[u32],
+    disk: &Disk,
+    cholesky: &mut Option<Cholesky>,
+    boundary: &[[f64; 2]],
+    marks: &Marks,
+) -> Result<usize> {
+    let n = disk.inner.len();
+    let mut columns = vec![0.0; 2 * n];
+    let mut corners = vec![[0.0; 2]; 3 * faces.len()];
+    for (fan, point) in disk.fan_starts.windows(2).zip(boundary) {
+        for &h in &disk.fans[fan[0]..fan[1]] {
+            let h = h as usize;
+            if let Some(i) = marks.face(h / 3) {
+                corners[3 * i + h % 3] = *point;
+            }
+            if let Some(w) = marks.vertex(head(geometry, h)) {
+                for axis in 0..2 {
+                    columns[axis * n + w] -= geometry.stiffness[h] * point[axis];
+                }
+            }
+        }
+    }
+    if let Some(cholesky) = cholesky {
+        cholesky.solve(&mut columns)?;
+    }
+    let mut count = 0;
+    for (i, &f) in faces.iter().enumerate() {
+        for k in 0..3 {
+            if let Some(w) = marks.vertex(geometry.origins[3 * f as usize + k] as usize) {
+                corners[3 * i + k] = [columns[w], columns[n + w]];
+            }
+        }
+        let [a, b, c] = [0, 1, 2].map(|k| corners[3 * i + k]);
+        // Not a number is no map either.
+        count += usize::from(!(turn(a, b, c) > 0.0));
+    }
+    Ok(count)
+}
+
+fn sensitivity(geometry: &Geometry, faces: &[u32], marks: &mut Marks) -> Option<Vec<f64>> {
+    let Opened::Disk(disk) = Disk::open(geometry, faces, marks) else {
+        return None;
+    };
+    let mut cholesky = factor(geometry, &disk, marks).ok()?;
+    let s = log_scale(geometry, &disk, &mut cholesky).ok()?;
+    let mut p: Vec<f64> = disk
+        .inner
+        .iter()
+        .zip(&s)
+        .map(|(&v, s)| 2.0 * geometry.vertices.masses[v as usize] * s)
+        .collect();
+    if let Some(cholesky) = &mut cholesky {
+        cholesky.solve(&mut p).ok()?;
+    }
+    let at = |values: &[f64], h: usize| {
+        marks
+            .vertex(geometry.origins[h] as usize)
+            .map_or(0.0, |v| values[v])
+    };
+    Some(
+        faces
+            .iter()
+            .map(|&f| {
+                let f = f as usize;
+                let [s, p] = [&s, &p].map(|values| [0, 1, 2].map(|k| at(values, 3 * f + k)));
+                let sum: f64 = (0..3)
+                    .map(|k| {
+                        let next = (k + 1) % 3;
+                        geometry.half_cotangents[3 * f + k] * (s[next] - s[k]) * (p[next] - p[k])
+                    })
+                    .sum();
+                sum / geometry.areas[f]
+            })
+            .collect(),
+    )
+}
+
+/// The vertex that a half-edge ends at.
+fn head(geometry: &Geometry, h: usize) -> usize {
+    geometry.origins[super::geometry::next(h)] as usize
+}

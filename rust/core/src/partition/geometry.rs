@@ -1,0 +1,187 @@
+//! What the partition asks of a surface, per half-edge, on a copy of unit area.
+
+use crate::error::Result;
+use crate::mesh::NONE;
+use crate::operators::Stiffness;
+use crate::surface::Surface;
+
+/// A surface scaled to unit area. Half-edge `3 f + k` runs from corner `k` of face `f` to the next.
+#[derive(Debug)]
+pub(super) struct Geometry {
+    /// Length of the surface in one unit of the copy: the root of its area.
+    pub unit: f64,
+    /// The vertex that each half-edge starts at.
+    pub origins: Vec<u32>,
+    /// The half-edge on the other side; [`NONE`] at the border of the surface.
+    pub twins: Vec<u32>,
+    pub lengths: Vec<f64>,
+    /// Angle at the corner that the half-edge starts at.
+    pub angles: Vec<f64>,
+    /// Half the cotangent of the angle opposite to the half-edge, in its own face.
+    pub half_cotangents: Vec<f64>,
+    /// Stiffness entry of the edge.
+    pub stiffness: Vec<f64>,
+    pub positions: Vec<[f64; 3]>,
+    pub areas: Vec<f64>,
+    pub normals: Vec<[f64; 3]>,
+    pub centroids: Vec<[f64; 3]>,
+    pub mean_edge_length: f64,
+    pub vertices: Vertices,
+}
+
+/// What the equations inside a chart need of the vertices, surface vertices inside a chart having
+/// all of their faces in it.
+#[derive(Debug)]
+pub(super) struct Vertices {
+    /// Number of faces around; more than there can be on the border of the surface.
+    pub degrees: Vec<u32>,
+    pub masses: Vec<f64>,
+    /// Integrated curvature.
+    pub defects: Vec<f64>,
+    /// Diagonal of the stiffness matrix.
+    pub diagonal: Vec<f64>,
+    /// Place in an elimination order of the whole surface of little fill. The order stays good on
+    /// any subset, as its fill there is a subset of that of the whole.
+    pub ranks: Vec<u32>,
+    pub row_starts: Vec<usize>,
+    pub columns: Vec<u32>,
+    /// Off-diagonal stiffness in the order of `columns`.
+    pub values: Vec<f64>,
+}
+
+impl Geometry {
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn new(surface: &Surface) -> Result<Self> {
+        let mesh = surface.mesh();
+        let (n, m) = (mesh.n_vertices(), mesh.n_faces());
+        let unit = mesh.area().sqrt();
+        let positions: Vec<[f64; 3]> = mesh
+            .vertices()
+            .iter()
+            .map(|p| p.map(|x| x / unit))
+            .collect();
+        let stiffness = Stiffness::new(mesh);
+        let mut twins = vec![NONE; 3 * m];
+        let mut edge_stiffness = vec![0.0; 3 * m];
+        for (sides, &value) in mesh.edge_half_edges().iter().zip(stiffness.edge_values()) {
+            edge_stiffness[sides[0] as usize] = value;
+            if sides[1] != NONE {
+                edge_stiffness[sides[1] as usize] = value;
+                twins[sides[0] as usize] = sides[1];
+                twins[sides[1] as usize] = sides[0];
+            }
+        }
+        let mut degrees = vec![0; n];
+        let (mut lengths, mut angles) = (Vec::with_capacity(3 * m), Vec::with_capacity(3 * m));
+        let (mut normals, mut centroids) = (Vec::with_capacity(m), Vec::with_capacity(m));
+        for face in mesh.faces() {
+            let p = face.map(|v| positions[v as usize]);
+            for k in 0..3 {
+                degrees[face[k] as usize] += 1;
+                let (to, from) = (
+                    subtract(p[(k + 1) % 3], p[k]),
+                    subtract(p[(k + 2) % 3], p[k]),
+                );
+                lengths.push(norm(to));
+                angles.push(norm(cross(to, from)).atan2(dot(to, from)));
+            }
+            let normal = cross(subtract(p[1], p[0]), subtract(p[2], p[0]));
+            let length = norm(normal);
+            normals.push(normal.map(|x| x / length));
+            centroids.push([0, 1, 2].map(|axis| (p[0][axis] + p[1][axis] + p[2][axis]) / 3.0));
+        }
+        for (degree, &border) in degrees.iter_mut().zip(mesh.on_boundary()) {
+            if border {
+                *degree = NONE;
+            }
+        }
+        let adjacency = mesh.adjacency();
+        let diagonal = (0..n).map(|v| stiffness.diagonal(adjacency, v)).collect();
+        let mut ranks = vec![0; n];
+        for (rank, &v) in surface
+            .dirichlet_system()?
+            .symbolic()
+            .order()
+            .iter()
+            .enumerate()
+        {
+            ranks[v as usize] = rank as u32;
+        }
+        Ok(Self {
+            unit,
+            origins: mesh.faces().as_flattened().to_vec(),
+            twins,
+            lengths,
+            angles,
+            half_cotangents: mesh.half_cotangents().as_flattened().to_vec(),
+            stiffness: edge_stiffness,
+            positions,
+            areas: mesh.areas().iter().map(|a| a / (unit * unit)).collect(),
+            normals,
+            centroids,
+            mean_edge_length: mesh.mean_edge_length() / unit,
+            vertices: Vertices {
+                degrees,
+                masses: mesh.mass().iter().map(|a| a / (unit * unit)).collect(),
+                defects: mesh.angle_defects().to_vec(),
+                diagonal,
+                ranks,
+                row_starts: adjacency.starts().to_vec(),
+                columns: adjacency.vertices().to_vec(),
+                values: stiffness.values().to_vec(),
+            },
+        })
+    }
+
+    pub fn n_faces(&self) -> usize {
+        self.areas.len()
+    }
+
+    pub fn n_vertices(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// The face across half-edge `h`.
+    #[inline]
+    pub fn across(&self, h: usize) -> Option<usize> {
+        let twin = self.twins[h];
+        (twin != NONE).then_some(twin as usize / 3)
+    }
+
+    /// The faces across the three edges of `f`, each with its half-edge in `f`.
+    #[inline]
+    pub fn around(&self, f: usize) -> impl Iterator<Item = (usize, usize)> {
+        (3 * f..3 * f + 3).filter_map(|h| self.across(h).map(|g| (h, g)))
+    }
+
+    pub fn area_of(&self, faces: &[u32]) -> f64 {
+        faces.iter().map(|&f| self.areas[f as usize]).sum()
+    }
+}
+
+/// The half-edge after `h` in its face.
+#[inline]
+pub(super) fn next(h: usize) -> usize {
+    h - h % 3 + (h + 1) % 3
+}
+
+pub(super) fn subtract(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn norm(a: [f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}

@@ -1,0 +1,119 @@
+//! Merging of adjacent charts, the best pair first, while the energy falls.
+
+use std::cmp::{Ordering, Reverse};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::charts::{Charts, union};
+use super::energy::{Chart, Energies, Rule};
+
+#[derive(PartialEq)]
+struct Candidate {
+    change: f64,
+    pair: (u32, u32),
+}
+
+impl Eq for Candidate {}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.change
+            .total_cmp(&other.change)
+            .then(self.pair.cmp(&other.pair))
+    }
+}
+
+/// Merges while that lowers the energy.
+pub(super) fn merge(energies: &Energies, charts: &Charts, rule: &Rule) -> Charts {
+    let mut alive: BTreeMap<u32, Arc<Chart>> = (0..).zip(charts.charts.iter().cloned()).collect();
+    let mut around: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
+    let pairs: Vec<(u32, u32)> = charts.seams(&energies.geometry).into_keys().collect();
+    for &(a, b) in &pairs {
+        around.entry(a).or_default().insert(b);
+        around.entry(b).or_default().insert(a);
+    }
+    let mut heap: BinaryHeap<Reverse<Candidate>> =
+        candidates(energies, &alive, &pairs, rule).into();
+    let mut fresh = charts.len() as u32;
+    let mut merged = false;
+    while let Some(Reverse(Candidate {
+        change,
+        pair: (a, b),
+    })) = heap.pop()
+    {
+        if !(change < 0.0) {
+            break;
+        }
+        if !alive.contains_key(&a) {
+            continue;
+        }
+        let Some(second) = alive.remove(&b) else {
+            continue;
+        };
+        let Some(first) = alive.remove(&a) else {
+            continue;
+        };
+        let chart = energies.chart(union(&first.faces, &second.faces), rule);
+        alive.insert(fresh, chart);
+        let mut neighbours = around.remove(&a).unwrap_or_default();
+        neighbours.append(&mut around.remove(&b).unwrap_or_default());
+        neighbours.remove(&a);
+        neighbours.remove(&b);
+        for c in &neighbours {
+            if let Some(theirs) = around.get_mut(c) {
+                theirs.remove(&a);
+                theirs.remove(&b);
+                theirs.insert(fresh);
+            }
+        }
+        let pairs: Vec<(u32, u32)> = neighbours.iter().map(|&c| (c, fresh)).collect();
+        around.insert(fresh, neighbours);
+        heap.extend(candidates(energies, &alive, &pairs, rule));
+        fresh += 1;
+        merged = true;
+    }
+    if !merged {
+        return charts.clone();
+    }
+    let mut result = Charts {
+        labels: charts.labels.clone(),
+        charts: Vec::new(),
+    };
+    result.exchange(&[], alive.into_values().collect());
+    result
+}
+
+fn candidates(
+    energies: &Energies,
+    alive: &BTreeMap<u32, Arc<Chart>>,
+    pairs: &[(u32, u32)],
+    rule: &Rule,
+) -> Vec<Reverse<Candidate>> {
+    pairs
+        .par_iter()
+        .filter_map(|&(a, b)| {
+            let (first, second) = (&alive[&a], &alive[&b]);
+            let hash = first.hash ^ second.hash;
+            let terms = energies.known(hash, rule).unwrap_or_else(|| {
+                energies.evaluate(hash, &union(&first.faces, &second.faces), rule)
+            });
+            let change = match [rule.cost(&first.terms), rule.cost(&second.terms)] {
+                // Nothing is lost by a merge of what is forbidden, and nothing is gained.
+                [x, y] if x.is_infinite() || y.is_infinite() => return None,
+                [x, y] => rule.cost(&terms) - x - y,
+            };
+            (change < 0.0).then_some(Reverse(Candidate {
+                change,
+                pair: (a, b),
+            }))
+        })
+        .collect()
+}

@@ -1,0 +1,389 @@
+//! Moves of the boundary between two charts: minimum cuts in a band around it.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap, HashSet};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::charts::{Charts, Seams, pieces};
+use super::energy::{Chart, Energies, Rule};
+use super::flow::{Network, Side};
+use super::geometry::{Geometry, next};
+
+/// Half the width of the widest and the narrowest band, in mean edge lengths.
+const WIDEST: f64 = 6.0;
+const NARROWEST: f64 = 0.8;
+/// Growth of the next band where a cut has been accepted.
+const WIDENING: f64 = 1.5;
+/// Factors of the derivative of the distortion, which is too low for a chart that grows.
+const FACTORS: [f64; 3] = [1.0, 3.0, 9.0];
+/// Averagings of the derivative along the boundary.
+const SMOOTHINGS: usize = 4;
+/// Least gain of a move, in roots of the area.
+const GAIN: f64 = 1e-6;
+
+/// What a sequence of sweeps remembers.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Memory {
+    /// Pairs of charts, by their hashes, whose boundary no cut improves.
+    settled: HashSet<(u128, u128)>,
+    /// Band of the next attempt at a pair of labels.
+    radii: HashMap<(u32, u32), f64>,
+}
+
+/// Two charts that take the place of two others.
+struct Move {
+    charts: [Arc<Chart>; 2],
+    gain: f64,
+    radius: f64,
+}
+
+/// Moves each boundary once, the longest first; those between charts of `active`, or all. Returns
+/// the gain and the charts that have changed.
+pub(super) fn sweep(
+    energies: &Energies,
+    charts: &mut Charts,
+    rule: &Rule,
+    active: Option<&BTreeSet<u32>>,
+    memory: &mut Memory,
+) -> (f64, BTreeSet<u32>) {
+    let mut pairs = ordered(&charts.seams(&energies.geometry), |&(a, b)| {
+        active.is_none_or(|set| set.contains(&a) || set.contains(&b))
+    });
+    let mut gain = 0.0;
+    let mut changed = BTreeSet::new();
+    while !pairs.is_empty() {
+        // Moves of disjoint pairs do not see each other.
+        let mut taken = BTreeSet::new();
+        let (now, later): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|&(a, b)| {
+            let free = !taken.contains(&a) && !taken.contains(&b);
+            taken.insert(a);
+            taken.insert(b);
+            free
+        });
+        pairs = later;
+        let moves: Vec<Option<Move>> = now
+            .par_iter()
+            .map(|pair| {
+                let radius = memory.radii.get(pair).copied().unwrap_or(WIDEST);
+                if memory.settled.contains(&key(charts, *pair)) {
+                    return None;
+                }
+                improve(energies, charts, *pair, rule, radius)
+            })
+            .collect();
+        for (pair, found) in now.into_iter().zip(moves) {
+            match found {
+                Some(Move {
+                    charts: [a, b],
+                    gain: by,
+                    radius,
+                }) => {
+                    gain += by;
+                    charts.replace(pair.0, a);
+                    charts.replace(pair.1, b);
+                    changed.extend([pair.0, pair.1]);
+                    memory.radii.insert(pair, (WIDENING * radius).min(WIDEST));
+                }
+                None => {
+                    memory.settled.insert(key(charts, pair));
+                    memory.radii.insert(pair, NARROWEST);
+                }
+            }
+        }
+    }
+    (gain, changed)
+}
+
+/// Sweeps until the boundaries rest, or `limit` times. Returns the gain.
+pub(super) fn relax(
+    energies: &Energies,
+    charts: &mut Charts,
+    rule: &Rule,
+    active: Option<BTreeSet<u32>>,
+    limit: usize,
+) -> f64 {
+    let mut memory = Memory::default();
+    let mut active = active;
+    let mut total = 0.0;
+    for _ in 0..limit {
+        let (gain, changed) = sweep(energies, charts, rule, active.as_ref(), &mut memory);
+        total += gain;
+        if gain < 1e-4 * charts.energy(rule) {
+            break;
+        }
+        active = Some(changed);
+    }
+    total
+}
+
+fn key(charts: &Charts, (a, b): (u32, u32)) -> (u128, u128) {
+    (
+        charts.charts[a as usize].hash,
+        charts.charts[b as usize].hash,
+    )
+}
+
+fn ordered(seams: &Seams, keep: impl Fn(&(u32, u32)) -> bool) -> Vec<(u32, u32)> {
+    let mut pairs: Vec<(&(u32, u32), &f64)> = seams.iter().filter(|(pair, _)| keep(pair)).collect();
+    pairs.sort_by(|x, y| y.1.total_cmp(x.1).then(x.0.cmp(y.0)));
+    pairs.into_iter().map(|(pair, _)| *pair).collect()
+}
+
+fn improve(
+    energies: &Energies,
+    charts: &Charts,
+    (a, b): (u32, u32),
+    rule: &Rule,
+    mut radius: f64,
+) -> Option<Move> {
+    let pair = [a, b].map(|label| &charts.charts[label as usize]);
+    let before = rule.cost(&pair[0].terms) + rule.cost(&pair[1].terms);
+    let interface = Interface::new(energies, charts, [a, b])?;
+    let mut tried = HashSet::from([pair[0].hash]);
+    while radius >= NARROWEST {
+        let band = interface.band(&energies.geometry, charts, [a, b], radius);
+        let mut best: Option<([Arc<Chart>; 2], f64)> = None;
+        for factor in FACTORS {
+            let sides = band.cut(&energies.geometry, charts, [a, b], factor * rule.distortion);
+            let Some([first, second]) = separate(&energies.geometry, pair, &band.faces, &sides)
+            else {
+                continue;
+            };
+            if !tried.insert(energies.hash(&first)) {
+                continue;
+            }
+            let found = [energies.chart(first, rule), energies.chart(second, rule)];
+            let after = rule.cost(&found[0].terms) + rule.cost(&found[1].terms);
+            // From infinite to infinite is no gain.
+            if after < best.as_ref().map_or(before - GAIN, |best| best.1) {
+                best = Some((found, after));
+            }
+        }
+        if let Some((charts, after)) = best {
+            let gain = if before.is_finite() {
+                before - after
+            } else {
+                1.0
+            };
+            return Some(Move {
+                charts,
+                gain,
+                radius,
+            });
+        }
+        radius *= 0.5;
+    }
+    None
+}
+
+/// The vertices on the boundary between two charts.
+struct Interface {
+    /// Surface vertex and the growth of the distortion where an area there goes to the second chart.
+    vertices: Vec<u32>,
+    slopes: Vec<f64>,
+    /// Faces at these vertices, each with the nearest of them.
+    seeds: Vec<(u32, u32)>,
+}
+
+/// Faces near a boundary, to be given to one side or the other.
+struct Band<'a> {
+    interface: &'a Interface,
+    /// Sorted, with the nearest vertex of the interface.
+    faces: Vec<u32>,
+    nearest: Vec<u32>,
+}
+
+impl Interface {
+    fn new(energies: &Energies, charts: &Charts, [a, b]: [u32; 2]) -> Option<Self> {
+        let geometry = &energies.geometry;
+        let mut edges = Vec::new();
+        for &f in &charts.charts[a as usize].faces {
+            for (h, g) in geometry.around(f as usize) {
+                if charts.labels[g] == b {
+                    edges.push([geometry.origins[h], geometry.origins[next(h)], h as u32]);
+                }
+            }
+        }
+        let mut vertices: Vec<u32> = edges.iter().flat_map(|e| [e[0], e[1]]).collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        if vertices.is_empty() {
+            return None;
+        }
+        let index: HashMap<u32, usize> = vertices.iter().copied().zip(0..).collect();
+
+        let mut slopes = vec![0.0; vertices.len()];
+        let mut seeds = Vec::new();
+        for (label, sign) in [(a, -1.0), (b, 1.0)] {
+            let chart = &charts.charts[label as usize];
+            let sensitivity = energies.sensitivity(chart);
+            let mut sums = vec![(0.0, 0.0); vertices.len()];
+            for (&f, value) in chart.faces.iter().zip(sensitivity) {
+                let area = geometry.areas[f as usize];
+                let mut nearest = (f64::INFINITY, 0);
+                for k in 0..3 {
+                    let v = geometry.origins[3 * f as usize + k];
+                    if let Some(&i) = index.get(&v) {
+                        sums[i].0 += area * value;
+                        sums[i].1 += area;
+                        let distance = distance(geometry, f as usize, v);
+                        if distance < nearest.0 {
+                            nearest = (distance, i as u32);
+                        }
+                    }
+                }
+                if nearest.0 < f64::INFINITY {
+                    seeds.push((f, nearest.1));
+                }
+            }
+            for (slope, (value, area)) in slopes.iter_mut().zip(sums) {
+                *slope += sign * value / area;
+            }
+        }
+
+        let edges: Vec<(usize, usize, f64)> = edges
+            .iter()
+            .map(|&[v, w, h]| (index[&v], index[&w], geometry.lengths[h as usize]))
+            .collect();
+        for _ in 0..SMOOTHINGS {
+            let mut sums = vec![(0.0, 0.0); slopes.len()];
+            for &(i, j, length) in &edges {
+                sums[i].0 += length * slopes[j];
+                sums[j].0 += length * slopes[i];
+                sums[i].1 += length;
+                sums[j].1 += length;
+            }
+            for (slope, (sum, length)) in slopes.iter_mut().zip(sums) {
+                *slope = 0.5 * *slope + 0.5 * sum / length;
+            }
+        }
+        Some(Self {
+            vertices,
+            slopes,
+            seeds,
+        })
+    }
+
+    /// Faces of both charts whose centroids are within `radius` mean edge lengths of the nearest
+    /// vertex of the interface, found from face to face.
+    fn band(
+        &self,
+        geometry: &Geometry,
+        charts: &Charts,
+        labels: [u32; 2],
+        radius: f64,
+    ) -> Band<'_> {
+        let reach = radius * geometry.mean_edge_length;
+        let mut found: BTreeMap<u32, u32> = BTreeMap::new();
+        // Non-negative floats order as their bits.
+        let mut heap: BinaryHeap<Reverse<(u64, u32, u32)>> = BinaryHeap::new();
+        let push = |heap: &mut BinaryHeap<_>, f: u32, i: u32| {
+            let distance = distance(geometry, f as usize, self.vertices[i as usize]);
+            if distance <= reach {
+                heap.push(Reverse((distance.to_bits(), f, i)));
+            }
+        };
+        for &(f, i) in &self.seeds {
+            push(&mut heap, f, i);
+        }
+        while let Some(Reverse((_, f, i))) = heap.pop() {
+            if found.contains_key(&f) {
+                continue;
+            }
+            found.insert(f, i);
+            for (_, g) in geometry.around(f as usize) {
+                if labels.contains(&charts.labels[g]) && !found.contains_key(&(g as u32)) {
+                    push(&mut heap, g as u32, i);
+                }
+            }
+        }
+        let (faces, nearest) = found.into_iter().unzip();
+        Band {
+            interface: self,
+            faces,
+            nearest,
+        }
+    }
+}
+
+impl Band<'_> {
+    /// Sides of the faces, the source being the first chart, for the given weight of distortion.
+    fn cut(
+        &self,
+        geometry: &Geometry,
+        charts: &Charts,
+        [a, b]: [u32; 2],
+        weight: f64,
+    ) -> Vec<Side> {
+        let mut network = Network::new(self.faces.len());
+        for (i, (&f, &nearest)) in self.faces.iter().zip(&self.nearest).enumerate() {
+            let f = f as usize;
+            let slope = self.interface.slopes[nearest as usize];
+            let change = weight * geometry.areas[f] * slope;
+            // What the second chart gains or the first one gains back.
+            let [mut first, mut second] = if charts.labels[f] == b {
+                [-change, 0.0]
+            } else {
+                [0.0, change]
+            };
+            for (h, g) in geometry.around(f) {
+                let length = geometry.lengths[h];
+                match self.faces.binary_search(&(g as u32)) {
+                    Ok(j) if i < j => network.add_edge(i, j, length),
+                    Ok(_) => (),
+                    Err(_) if charts.labels[g] == a => second += length,
+                    Err(_) if charts.labels[g] == b => first += length,
+                    Err(_) => (),
+                }
+            }
+            network.add_costs(i, first, second);
+        }
+        network.minimum_cut().1
+    }
+}
+
+/// The two charts after the faces of a band have taken sides, but for pieces that are cut off: they
+/// go to the other side. None where nothing is left of one.
+fn separate(
+    geometry: &Geometry,
+    pair: [&Arc<Chart>; 2],
+    band: &[u32],
+    sides: &[Side],
+) -> Option<[Vec<u32>; 2]> {
+    let side_of = |f: u32| band.binary_search(&f).ok().map(|i| sides[i]);
+    let mut faces: [Vec<u32>; 2] = Default::default();
+    for (own, chart) in [Side::Source, Side::Sink].into_iter().zip(pair) {
+        for &f in &chart.faces {
+            let side = side_of(f).unwrap_or(own);
+            faces[usize::from(side == Side::Sink)].push(f);
+        }
+    }
+    for list in &mut faces {
+        list.sort_unstable();
+    }
+    for k in 0..2 {
+        let mut parts = pieces(geometry, &faces[k], |_| ());
+        if parts.len() > 1 {
+            let largest = (0..parts.len()).max_by(|&i, &j| {
+                geometry
+                    .area_of(&parts[i])
+                    .total_cmp(&geometry.area_of(&parts[j]))
+                    .then(j.cmp(&i))
+            })?;
+            faces[k] = parts.swap_remove(largest);
+            for part in parts {
+                faces[1 - k].extend(part);
+            }
+            faces[1 - k].sort_unstable();
+        }
+    }
+    let connected = |faces: &[u32]| !faces.is_empty() && pieces(geometry, faces, |_| ()).len() == 1;
+    (connected(&faces[0]) && connected(&faces[1])).then_some(faces)
+}
+
+fn distance(geometry: &Geometry, f: usize, v: u32) -> f64 {
+    let d = super::geometry::subtract(geometry.centroids[f], geometry.positions[v as usize]);
+    super::geometry::dot(d, d).sqrt()
+}

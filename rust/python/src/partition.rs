@@ -1,0 +1,90 @@
+use numpy::{PyArray1, PyReadonlyArray1};
+use phaseatlas_core::partition as core;
+use pyo3::prelude::*;
+
+use crate::mesh::TriangleMesh;
+use crate::pool::detached;
+use crate::to_python;
+
+/// A partition of a surface into charts, and the moves that improve it.
+#[pyclass(module = "phaseatlas._core")]
+pub struct Partition {
+    core: core::Partition,
+}
+
+/// Energy, seam, cuts, distortion, overlap, area of the smallest chart; charts, overlapping charts.
+type Figures = (f64, f64, f64, f64, f64, f64, usize, usize);
+
+#[pymethods]
+impl Partition {
+    /// The connected pieces of equal label.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        mesh: &TriangleMesh,
+        labels: PyReadonlyArray1<'_, i64>,
+        distortion: f64,
+    ) -> PyResult<Self> {
+        let labels = labels.as_slice()?;
+        let core = detached(py, || {
+            core::Partition::new(&mesh.surface, labels, distortion)
+        })?;
+        Ok(Self {
+            core: core.map_err(to_python)?,
+        })
+    }
+
+    /// About `count` cells of similar normals.
+    #[staticmethod]
+    fn of_cells(
+        py: Python<'_>,
+        mesh: &TriangleMesh,
+        count: usize,
+        distortion: f64,
+    ) -> PyResult<Self> {
+        let core = detached(py, || {
+            core::Partition::of_cells(&mesh.surface, count, distortion)
+        })?;
+        Ok(Self {
+            core: core.map_err(to_python)?,
+        })
+    }
+
+    fn labels<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        PyArray1::from_iter(py, self.core.labels().iter().map(|&label| i64::from(label)))
+    }
+
+    fn figures(&self) -> Figures {
+        let f = self.core.figures();
+        (
+            f.energy,
+            f.seam,
+            f.cuts,
+            f.distortion,
+            f.overlap,
+            f.smallest,
+            f.charts,
+            f.overlapping,
+        )
+    }
+
+    fn join_small(&mut self, py: Python<'_>, smallest: f64) -> PyResult<()> {
+        detached(py, || self.core.join_small(smallest))
+    }
+
+    fn merge(&mut self, py: Python<'_>) -> PyResult<()> {
+        detached(py, || self.core.merge())
+    }
+
+    fn relax(&mut self, py: Python<'_>, limit: usize) -> PyResult<f64> {
+        detached(py, || self.core.relax(limit))
+    }
+
+    fn perturb(&mut self, py: Python<'_>, seed: u64, first: usize, end: usize) -> PyResult<usize> {
+        detached(py, || self.core.perturb(seed, first..end))
+    }
+
+    fn set_distortion(&mut self, distortion: f64) {
+        self.core.set_distortion(distortion);
+    }
+}
