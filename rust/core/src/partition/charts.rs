@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::disk::Marks;
 use super::energy::{Chart, Energies, Rule};
 use super::geometry::Geometry;
 
@@ -23,7 +24,8 @@ impl Charts {
     /// The connected pieces of equal label.
     pub fn new(energies: &Energies, labels: &[u32], rule: &Rule) -> Self {
         let all: Vec<u32> = (0..labels.len() as u32).collect();
-        let pieces = pieces(&energies.geometry, &all, |f| labels[f as usize]);
+        let pieces =
+            energies.with_marks(|marks| pieces(&energies.geometry, &all, marks, |f| labels[f]));
         let mut charts = Self {
             labels: vec![0; labels.len()],
             charts: Vec::new(),
@@ -118,29 +120,33 @@ pub(super) fn union(a: &[u32], b: &[u32]) -> Vec<u32> {
     faces
 }
 
-/// Connected pieces of equal label among sorted faces, each sorted, by their first faces.
+/// Connected pieces of equal label among sorted faces, each sorted, by their first faces; `label` is
+/// asked for the label of the i-th face.
 pub(super) fn pieces<L: PartialEq>(
     geometry: &Geometry,
     faces: &[u32],
-    label: impl Fn(u32) -> L,
+    marks: &mut Marks,
+    label: impl Fn(usize) -> L,
 ) -> Vec<Vec<u32>> {
-    let mut open = Members::new(faces);
+    marks.place(geometry, faces);
+    let mut taken = vec![false; faces.len()];
     let mut pieces = Vec::new();
-    for (i, &seed) in faces.iter().enumerate() {
-        if !open.take(i) {
+    for seed in 0..faces.len() {
+        if taken[seed] {
             continue;
         }
-        let mut piece = vec![seed];
+        taken[seed] = true;
+        let mut piece = vec![faces[seed]];
         let mut head = 0;
         while let Some(&f) = piece.get(head) {
             head += 1;
             for (_, g) in geometry.around(f as usize) {
-                let g = g as u32;
-                if let Some(j) = open.position(g)
-                    && label(g) == label(seed)
-                    && open.take(j)
+                if let Some(j) = marks.face(g)
+                    && !taken[j]
+                    && label(j) == label(seed)
                 {
-                    piece.push(g);
+                    taken[j] = true;
+                    piece.push(g as u32);
                 }
             }
         }
@@ -148,49 +154,6 @@ pub(super) fn pieces<L: PartialEq>(
         pieces.push(piece);
     }
     pieces
-}
-
-/// Which faces of a sorted list are still to be visited.
-struct Members<'a> {
-    faces: &'a [u32],
-    /// First position at or after each block of 64 face indices, to search in little.
-    blocks: Vec<u32>,
-    first: u32,
-    open: Vec<bool>,
-}
-
-impl<'a> Members<'a> {
-    fn new(faces: &'a [u32]) -> Self {
-        let first = faces.first().map_or(0, |f| f / 64);
-        let last = faces.last().map_or(0, |f| f / 64);
-        let mut blocks = vec![0; (last - first) as usize + 2];
-        for &f in faces {
-            blocks[(f / 64 - first) as usize + 1] += 1;
-        }
-        for k in 1..blocks.len() {
-            blocks[k] += blocks[k - 1];
-        }
-        Self {
-            faces,
-            blocks,
-            first,
-            open: vec![true; faces.len()],
-        }
-    }
-
-    fn position(&self, f: u32) -> Option<usize> {
-        let block = (f / 64).checked_sub(self.first)? as usize;
-        if block + 1 >= self.blocks.len() {
-            return None;
-        }
-        let range = self.blocks[block] as usize..self.blocks[block + 1] as usize;
-        let offset = self.faces[range.clone()].binary_search(&f).ok()?;
-        Some(range.start + offset)
-    }
-
-    fn take(&mut self, i: usize) -> bool {
-        std::mem::take(&mut self.open[i])
-    }
 }
 
 /// Gives the pieces of faces below `smallest` area, smallest first, to the piece with which they

@@ -50,20 +50,21 @@ pub(super) fn cut_to_disk(
     let network = Network::new(geometry, faces, inner, marks);
     let edges = &network.edges;
     let tree = Tree::new(&network);
-    let loop_length = |e: usize| {
-        let [a, b] = edges[e].ends;
-        tree.distance[a as usize] + tree.distance[b as usize] + edges[e].length
-    };
-    let mut dual: Vec<usize> = (0..edges.len())
+    // Those that close the longest loops first; positive floats order as their bits.
+    let mut dual: Vec<(Reverse<u64>, u32)> = (0..edges.len())
         .filter(|&e| !edges[e].on_boundary() && !tree.edges[e])
+        .map(|e| {
+            let [a, b] = edges[e].ends.map(|v| tree.distance[v as usize]);
+            (Reverse((a + b + edges[e].length).to_bits()), e as u32)
+        })
         .collect();
-    dual.sort_by(|&e, &f| loop_length(f).total_cmp(&loop_length(e)).then(e.cmp(&f)));
+    dual.sort_unstable();
     let mut joined = UnionFind::<u32>::new(faces.len());
     let mut cut: Vec<bool> = edges.iter().map(|edge| !edge.on_boundary()).collect();
-    for e in dual {
-        let [h, g] = edges[e].sides;
+    for (_, e) in dual {
+        let [h, g] = edges[e as usize].sides;
         if joined.union(h / 3, g / 3) {
-            cut[e] = false;
+            cut[e as usize] = false;
         }
     }
     network.prune(&mut cut);

@@ -7,7 +7,7 @@ use crate::mesh::NONE;
 /// Cosine of the angle between normals below which faces do not lie in one plane.
 const COPLANAR: f64 = 1.0 - 1e-14;
 
-/// Marks of the faces and vertices of one chart in arrays of the whole surface, which are never
+/// Marks of some faces and vertices in arrays of the whole surface, which are never
 /// cleared: a mark counts where its stamp is the current one.
 #[derive(Debug, Default)]
 pub(super) struct Marks {
@@ -17,7 +17,15 @@ pub(super) struct Marks {
 }
 
 impl Marks {
-    fn restart(&mut self, geometry: &Geometry) {
+    /// Marks the faces with their places in the list, and no vertex.
+    pub fn place(&mut self, geometry: &Geometry, faces: &[u32]) {
+        self.restart(geometry);
+        for (i, &f) in (0..).zip(faces) {
+            self.set_face(f as usize, i);
+        }
+    }
+
+    pub fn restart(&mut self, geometry: &Geometry) {
         self.faces.resize(geometry.n_faces(), (0, 0));
         self.vertices.resize(geometry.n_vertices(), (0, 0));
         self.stamp = match self.stamp.checked_add(1) {
@@ -30,7 +38,7 @@ impl Marks {
         };
     }
 
-    fn set_face(&mut self, f: usize, value: u32) {
+    pub fn set_face(&mut self, f: usize, value: u32) {
         self.faces[f] = (self.stamp, value);
     }
 
@@ -91,10 +99,7 @@ pub(super) enum Opened {
 impl Disk {
     /// Opens the chart of the given faces, which are sorted and connected.
     pub fn open(geometry: &Geometry, faces: &[u32], marks: &mut Marks) -> Opened {
-        marks.restart(geometry);
-        for (i, &f) in faces.iter().enumerate() {
-            marks.set_face(f as usize, i as u32);
-        }
+        marks.place(geometry, faces);
         let mut met: Vec<u32> = Vec::with_capacity(faces.len() / 2 + 16);
         let (mut n_boundary, mut perimeter) = (0, 0.0);
         for &f in faces {

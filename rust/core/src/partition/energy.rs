@@ -4,11 +4,11 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::disk::{Disk, Marks, Opened};
+use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
 use super::polygon::{covered_twice, is_simple, turn};
 use super::random::mixed;
 use crate::error::Result;
-use crate::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
 use crate::parallel::Buffers;
 
 /// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts
@@ -93,6 +93,17 @@ impl Energies {
         }
     }
 
+    pub fn count(&self) -> usize {
+        self.known.iter().map(|k| lock(k).len()).sum()
+    }
+    /// Lends marks, which do not hold the thread pool up.
+    pub fn with_marks<T>(&self, work: impl FnOnce(&mut Marks) -> T) -> T {
+        let mut marks = self.marks.take().unwrap_or_default();
+        let value = work(&mut marks);
+        self.marks.give_back(marks);
+        value
+    }
+
     /// A number for a set of faces, no two alike; that of a union is the exclusive or.
     pub fn hash(&self, faces: &[u32]) -> u128 {
         faces.iter().fold(0, |hash, &f| hash ^ face_hash(f))
@@ -121,9 +132,7 @@ impl Energies {
     }
 
     pub fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> Terms {
-        let mut marks = self.marks.take().unwrap_or_default();
-        let terms = terms(&self.geometry, faces, rule.injective, &mut marks);
-        self.marks.give_back(marks);
+        let terms = self.with_marks(|marks| terms(&self.geometry, faces, rule.injective, marks));
         lock(&self.known[hash as usize % SHARDS]).insert(hash, terms);
         terms
     }
@@ -133,9 +142,7 @@ impl Energies {
     /// -lap p = 2 s.
     pub fn sensitivity<'a>(&self, chart: &'a Chart) -> &'a [f64] {
         chart.sensitivity.get_or_init(|| {
-            let mut marks = self.marks.take().unwrap_or_default();
-            let values = sensitivity(&self.geometry, &chart.faces, &mut marks);
-            self.marks.give_back(marks);
+            let values = self.with_marks(|m| sensitivity(&self.geometry, &chart.faces, m));
             values.unwrap_or_else(|| vec![0.0; chart.faces.len()])
         })
     }
@@ -177,10 +184,10 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
         flips: None,
     };
     let Some(disk) = disk else { return terms };
-    let Ok(mut cholesky) = factor(geometry, &disk, marks) else {
+    let Ok(mut factor) = factor(geometry, &disk, marks) else {
         return terms;
     };
-    let Ok(log_scale) = log_scale(geometry, &disk, &mut cholesky) else {
+    let Ok(log_scale) = log_scale(geometry, &disk, &mut factor) else {
         return terms;
     };
     let boundary = flat_boundary(geometry, &disk, &log_scale, marks);
@@ -194,7 +201,7 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
     if !terms.simple {
         terms.overlap = covered_twice(&boundary);
     } else if count_flips {
-        terms.flips = flips(geometry, faces, &disk, &mut cholesky, &boundary, marks).ok();
+        terms.flips = flips(geometry, faces, &disk, &mut factor, &boundary, marks).ok();
     }
     if !terms.distortion.is_finite() {
         terms.distortion = f64::INFINITY;
@@ -204,51 +211,41 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
 }
 
 /// The factor of the stiffness matrix of the inner vertices.
-fn factor(geometry: &Geometry, disk: &Disk, marks: &Marks) -> Result<Option<Cholesky>> {
-    if disk.inner.is_empty() {
-        return Ok(None);
-    }
+fn factor(geometry: &Geometry, disk: &Disk, marks: &Marks) -> Result<Factor> {
     let vertices = &geometry.vertices;
-    let mut starts = Vec::with_capacity(disk.inner.len() + 1);
-    let mut rows = Vec::with_capacity(4 * disk.inner.len());
-    let mut values = Vec::with_capacity(4 * disk.inner.len());
-    starts.push(0);
-    for (j, &v) in disk.inner.iter().enumerate() {
+    let n = disk.inner.len();
+    let mut matrix = Matrix {
+        diagonal: Vec::with_capacity(n),
+        starts: Vec::with_capacity(n + 1),
+        columns: Vec::with_capacity(3 * n),
+        values: Vec::with_capacity(3 * n),
+    };
+    matrix.starts.push(0);
+    for (k, &v) in disk.inner.iter().enumerate() {
         let v = v as usize;
-        rows.push(j as u32);
-        values.push(vertices.diagonal[v]);
+        matrix.diagonal.push(vertices.diagonal[v]);
         for entry in vertices.row_starts[v]..vertices.row_starts[v + 1] {
             if let Some(i) = marks.vertex(vertices.columns[entry] as usize)
-                && i > j
+                && i < k
             {
-                rows.push(i as u32);
-                values.push(vertices.values[entry]);
+                matrix.columns.push(i as u32);
+                matrix.values.push(vertices.values[entry]);
             }
         }
-        starts.push(rows.len());
+        matrix.starts.push(matrix.columns.len());
     }
-    let analysis =
-        SymbolicFactorisation::new(&starts, &rows, Ordering::Given, Factorisation::Automatic)?;
-    let mut cholesky = Cholesky::new(Arc::new(analysis))?;
-    cholesky.factor(&values)?;
-    Ok(Some(cholesky))
+    Factor::new(&matrix)
 }
 
 /// Minus the log scale u of the flat metric e^{2 u} g with u = 0 on the boundary, at the inner
 /// vertices.
-fn log_scale(
-    geometry: &Geometry,
-    disk: &Disk,
-    cholesky: &mut Option<Cholesky>,
-) -> Result<Vec<f64>> {
+fn log_scale(geometry: &Geometry, disk: &Disk, factor: &mut Factor) -> Result<Vec<f64>> {
     let mut s: Vec<f64> = disk
         .inner
         .iter()
         .map(|&v| geometry.vertices.defects[v as usize])
         .collect();
-    if let Some(cholesky) = cholesky {
-        cholesky.solve(&mut s)?;
-    }
+    factor.solve(&mut s)?;
     Ok(s)
 }
 
@@ -306,7 +303,7 @@ fn flips(
     geometry: &Geometry,
     faces: &[u32],
     disk: &Disk,
-    cholesky: &mut Option<Cholesky>,
+    factor: &mut Factor,
     boundary: &[[f64; 2]],
     marks: &Marks,
 ) -> Result<usize> {
@@ -326,9 +323,7 @@ fn flips(
             }
         }
     }
-    if let Some(cholesky) = cholesky {
-        cholesky.solve(&mut columns)?;
-    }
+    factor.solve(&mut columns)?;
     let mut count = 0;
     for (i, &f) in faces.iter().enumerate() {
         for k in 0..3 {
@@ -347,17 +342,15 @@ fn sensitivity(geometry: &Geometry, faces: &[u32], marks: &mut Marks) -> Option<
     let Opened::Disk(disk) = Disk::open(geometry, faces, marks) else {
         return None;
     };
-    let mut cholesky = factor(geometry, &disk, marks).ok()?;
-    let s = log_scale(geometry, &disk, &mut cholesky).ok()?;
+    let mut factor = factor(geometry, &disk, marks).ok()?;
+    let s = log_scale(geometry, &disk, &mut factor).ok()?;
     let mut p: Vec<f64> = disk
         .inner
         .iter()
         .zip(&s)
         .map(|(&v, s)| 2.0 * geometry.vertices.masses[v as usize] * s)
         .collect();
-    if let Some(cholesky) = &mut cholesky {
-        cholesky.solve(&mut p).ok()?;
-    }
+    factor.solve(&mut p).ok()?;
     let at = |values: &[f64], h: usize| {
         marks
             .vertex(geometry.origins[h] as usize)

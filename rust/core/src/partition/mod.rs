@@ -10,6 +10,7 @@ mod charts;
 mod cut;
 mod disk;
 mod energy;
+mod factor;
 mod flow;
 mod geometry;
 mod merge;
@@ -21,7 +22,7 @@ mod split;
 
 pub use energy::{Rule, Terms};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::surface::Surface;
 use charts::Charts;
 use energy::Energies;

@@ -111,7 +111,7 @@ fn trial_of(energies: &Energies, charts: &Charts, rule: &Rule, random: &mut Rand
     faces.sort_unstable();
     let normals = NORMALS[random.below(NORMALS.len())];
     let smallest = SMALLEST * energies.geometry.area_of(&faces) / count as f64;
-    let parts = split(&energies.geometry, &faces, count, normals, smallest, random);
+    let parts = split(energies, &faces, count, normals, smallest, random);
     let mut outcome = charts.clone();
     let parts = parts
         .into_par_iter()

@@ -1,12 +1,13 @@
 //! Moves of the boundary between two charts: minimum cuts in a band around it.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap, HashSet};
+use std::collections::{BTreeSet, BinaryHeap, HashMap, HashSet};
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::charts::{Charts, Seams, pieces};
+use super::charts::{Charts, Seams, pieces, union};
+use super::disk::Marks;
 use super::energy::{Chart, Energies, Rule};
 use super::flow::{Network, Side};
 use super::geometry::{Geometry, next};
@@ -140,15 +141,17 @@ fn improve(
 ) -> Option<Move> {
     let pair = [a, b].map(|label| &charts.charts[label as usize]);
     let before = rule.cost(&pair[0].terms) + rule.cost(&pair[1].terms);
-    let interface = Interface::new(energies, charts, [a, b])?;
+    let interface = energies.with_marks(|marks| Interface::new(energies, charts, [a, b], marks))?;
     let mut tried = HashSet::from([pair[0].hash]);
     while radius >= NARROWEST {
-        let band = interface.band(&energies.geometry, charts, [a, b], radius);
+        let band = energies
+            .with_marks(|marks| interface.band(&energies.geometry, charts, [a, b], radius, marks));
         let mut best: Option<([Arc<Chart>; 2], f64)> = None;
         for factor in FACTORS {
-            let sides = band.cut(&energies.geometry, charts, [a, b], factor * rule.distortion);
-            let Some([first, second]) = separate(&energies.geometry, pair, &band.faces, &sides)
-            else {
+            let sides = band.cut(charts, b, factor * rule.distortion);
+            let parts = energies
+                .with_marks(|marks| separate(&energies.geometry, pair, &band.faces, &sides, marks));
+            let Some([first, second]) = parts else {
                 continue;
             };
             if !tried.insert(energies.hash(&first)) {
@@ -188,15 +191,21 @@ struct Interface {
 }
 
 /// Faces near a boundary, to be given to one side or the other.
-struct Band<'a> {
-    interface: &'a Interface,
-    /// Sorted, with the nearest vertex of the interface.
+struct Band {
     faces: Vec<u32>,
-    nearest: Vec<u32>,
+    /// Growth of the distortion where a face goes to the second chart.
+    changes: Vec<f64>,
+    /// What the lengths of the edges between the faces and around them cost.
+    network: Network,
 }
 
 impl Interface {
-    fn new(energies: &Energies, charts: &Charts, [a, b]: [u32; 2]) -> Option<Self> {
+    fn new(
+        energies: &Energies,
+        charts: &Charts,
+        [a, b]: [u32; 2],
+        marks: &mut Marks,
+    ) -> Option<Self> {
         let geometry = &energies.geometry;
         let mut edges = Vec::new();
         for &f in &charts.charts[a as usize].faces {
@@ -212,20 +221,24 @@ impl Interface {
         if vertices.is_empty() {
             return None;
         }
-        let index: HashMap<u32, usize> = vertices.iter().copied().zip(0..).collect();
+        // The sensitivities need marks of their own.
+        let pair = [a, b].map(|label| &charts.charts[label as usize]);
+        let sensitivities = pair.map(|chart| energies.sensitivity(chart));
+        marks.restart(geometry);
+        for (i, &v) in (0..).zip(&vertices) {
+            marks.set_vertex(v as usize, i);
+        }
 
         let mut slopes = vec![0.0; vertices.len()];
         let mut seeds = Vec::new();
-        for (label, sign) in [(a, -1.0), (b, 1.0)] {
-            let chart = &charts.charts[label as usize];
-            let sensitivity = energies.sensitivity(chart);
+        for ((chart, sensitivity), sign) in pair.into_iter().zip(sensitivities).zip([-1.0, 1.0]) {
             let mut sums = vec![(0.0, 0.0); vertices.len()];
             for (&f, value) in chart.faces.iter().zip(sensitivity) {
                 let area = geometry.areas[f as usize];
                 let mut nearest = (f64::INFINITY, 0);
                 for k in 0..3 {
                     let v = geometry.origins[3 * f as usize + k];
-                    if let Some(&i) = index.get(&v) {
+                    if let Some(i) = marks.vertex(v as usize) {
                         sums[i].0 += area * value;
                         sums[i].1 += area;
                         let distance = distance(geometry, f as usize, v);
@@ -245,7 +258,10 @@ impl Interface {
 
         let edges: Vec<(usize, usize, f64)> = edges
             .iter()
-            .map(|&[v, w, h]| (index[&v], index[&w], geometry.lengths[h as usize]))
+            .filter_map(|&[v, w, h]| {
+                let ends = marks.vertex(v as usize).zip(marks.vertex(w as usize))?;
+                Some((ends.0, ends.1, geometry.lengths[h as usize]))
+            })
             .collect();
         for _ in 0..SMOOTHINGS {
             let mut sums = vec![(0.0, 0.0); slopes.len()];
@@ -274,9 +290,11 @@ impl Interface {
         charts: &Charts,
         labels: [u32; 2],
         radius: f64,
-    ) -> Band<'_> {
+        marks: &mut Marks,
+    ) -> Band {
         let reach = radius * geometry.mean_edge_length;
-        let mut found: BTreeMap<u32, u32> = BTreeMap::new();
+        let mut found: Vec<(u32, u32)> = Vec::new();
+        marks.restart(geometry);
         // Non-negative floats order as their bits.
         let mut heap: BinaryHeap<Reverse<(u64, u32, u32)>> = BinaryHeap::new();
         let push = |heap: &mut BinaryHeap<_>, f: u32, i: u32| {
@@ -289,56 +307,57 @@ impl Interface {
             push(&mut heap, f, i);
         }
         while let Some(Reverse((_, f, i))) = heap.pop() {
-            if found.contains_key(&f) {
+            if marks.face(f as usize).is_some() {
                 continue;
             }
-            found.insert(f, i);
+            marks.set_face(f as usize, found.len() as u32);
+            found.push((f, i));
             for (_, g) in geometry.around(f as usize) {
-                if labels.contains(&charts.labels[g]) && !found.contains_key(&(g as u32)) {
+                if labels.contains(&charts.labels[g]) && marks.face(g).is_none() {
                     push(&mut heap, g as u32, i);
                 }
             }
         }
-        let (faces, nearest) = found.into_iter().unzip();
+        let mut network = Network::new(found.len());
+        let mut costs = vec![[0.0; 2]; found.len()];
+        for (i, &(f, _)) in found.iter().enumerate() {
+            for (h, g) in geometry.around(f as usize) {
+                let length = geometry.lengths[h];
+                match marks.face(g) {
+                    Some(j) if i < j => network.add_edge(i, j, length),
+                    Some(_) => (),
+                    None if charts.labels[g] == labels[0] => costs[i][1] += length,
+                    None if charts.labels[g] == labels[1] => costs[i][0] += length,
+                    None => (),
+                }
+            }
+        }
+        for (i, [first, second]) in costs.into_iter().enumerate() {
+            network.add_costs(i, first, second);
+        }
+        let changes = found
+            .iter()
+            .map(|&(f, i)| geometry.areas[f as usize] * self.slopes[i as usize])
+            .collect();
         Band {
-            interface: self,
-            faces,
-            nearest,
+            faces: found.into_iter().map(|(f, _)| f).collect(),
+            changes,
+            network,
         }
     }
 }
 
-impl Band<'_> {
+impl Band {
     /// Sides of the faces, the source being the first chart, for the given weight of distortion.
-    fn cut(
-        &self,
-        geometry: &Geometry,
-        charts: &Charts,
-        [a, b]: [u32; 2],
-        weight: f64,
-    ) -> Vec<Side> {
-        let mut network = Network::new(self.faces.len());
-        for (i, (&f, &nearest)) in self.faces.iter().zip(&self.nearest).enumerate() {
-            let f = f as usize;
-            let slope = self.interface.slopes[nearest as usize];
-            let change = weight * geometry.areas[f] * slope;
+    fn cut(&self, charts: &Charts, second: u32, weight: f64) -> Vec<Side> {
+        let mut network = self.network.clone();
+        for (i, (&f, change)) in self.faces.iter().zip(&self.changes).enumerate() {
             // What the second chart gains or the first one gains back.
-            let [mut first, mut second] = if charts.labels[f] == b {
-                [-change, 0.0]
+            if charts.labels[f as usize] == second {
+                network.add_costs(i, -weight * change, 0.0);
             } else {
-                [0.0, change]
-            };
-            for (h, g) in geometry.around(f) {
-                let length = geometry.lengths[h];
-                match self.faces.binary_search(&(g as u32)) {
-                    Ok(j) if i < j => network.add_edge(i, j, length),
-                    Ok(_) => (),
-                    Err(_) if charts.labels[g] == a => second += length,
-                    Err(_) if charts.labels[g] == b => first += length,
-                    Err(_) => (),
-                }
+                network.add_costs(i, 0.0, weight * change);
             }
-            network.add_costs(i, first, second);
         }
         network.minimum_cut().1
     }
@@ -351,20 +370,23 @@ fn separate(
     pair: [&Arc<Chart>; 2],
     band: &[u32],
     sides: &[Side],
+    marks: &mut Marks,
 ) -> Option<[Vec<u32>; 2]> {
-    let side_of = |f: u32| band.binary_search(&f).ok().map(|i| sides[i]);
+    marks.place(geometry, band);
     let mut faces: [Vec<u32>; 2] = Default::default();
+    let mut taken: [Vec<u32>; 2] = Default::default();
     for (own, chart) in [Side::Source, Side::Sink].into_iter().zip(pair) {
         for &f in &chart.faces {
-            let side = side_of(f).unwrap_or(own);
-            faces[usize::from(side == Side::Sink)].push(f);
+            let side = marks.face(f as usize).map_or(own, |i| sides[i]);
+            let list = if side == own { &mut faces } else { &mut taken };
+            list[usize::from(side == Side::Sink)].push(f);
         }
     }
-    for list in &mut faces {
-        list.sort_unstable();
+    for k in 0..2 {
+        faces[k] = union(&faces[k], &taken[k]);
     }
     for k in 0..2 {
-        let mut parts = pieces(geometry, &faces[k], |_| ());
+        let mut parts = pieces(geometry, &faces[k], marks, |_| ());
         if parts.len() > 1 {
             let largest = (0..parts.len()).max_by(|&i, &j| {
                 geometry
@@ -374,12 +396,12 @@ fn separate(
             })?;
             faces[k] = parts.swap_remove(largest);
             for part in parts {
-                faces[1 - k].extend(part);
+                faces[1 - k] = union(&faces[1 - k], &part);
             }
-            faces[1 - k].sort_unstable();
         }
     }
-    let connected = |faces: &[u32]| !faces.is_empty() && pieces(geometry, faces, |_| ()).len() == 1;
+    let mut connected =
+        |faces: &[u32]| !faces.is_empty() && pieces(geometry, faces, marks, |_| ()).len() == 1;
     (connected(&faces[0]) && connected(&faces[1])).then_some(faces)
 }
 

@@ -1,7 +1,7 @@
 //! Splitting of faces by k-means of their normals and centroids.
 
 use super::charts::{join_small, pieces};
-use super::geometry::Geometry;
+use super::energy::Energies;
 use super::random::Random;
 
 const ITERATIONS: usize = 20;
@@ -10,13 +10,14 @@ const ITERATIONS: usize = 20;
 /// joined to others. `normals` is the weight of the unit normals against the centroids, in roots of
 /// the area of the faces.
 pub(super) fn split(
-    geometry: &Geometry,
+    energies: &Energies,
     faces: &[u32],
     count: usize,
     normals: f64,
     smallest: f64,
     random: &mut Random,
 ) -> Vec<Vec<u32>> {
+    let geometry = &energies.geometry;
     let scale = 1.0 / geometry.area_of(faces).sqrt();
     let points: Vec<[f64; 6]> = faces
         .iter()
@@ -32,10 +33,7 @@ pub(super) fn split(
         })
         .collect();
     let clusters = k_means(&points, count.min(faces.len()), random);
-    let parts = pieces(geometry, faces, |f| match faces.binary_search(&f) {
-        Ok(i) => clusters[i],
-        Err(_) => u32::MAX,
-    });
+    let parts = energies.with_marks(|marks| pieces(geometry, faces, marks, |i| clusters[i]));
     join_small(geometry, parts, smallest)
 }
 
