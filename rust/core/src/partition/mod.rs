@@ -133,7 +133,14 @@ impl Partition {
 
     /// Moves the boundaries while the energy falls, at most `limit` times each.
     pub fn relax(&mut self, limit: usize) -> f64 {
-        relax::relax(&self.energies, &mut self.charts, &self.rule, None, limit)
+        relax::relax(
+            &self.energies,
+            &mut self.charts,
+            &self.rule,
+            None,
+            limit,
+            f64::INFINITY,
+        )
     }
 
     /// Tries the perturbations of the given numbers; how many were kept.
