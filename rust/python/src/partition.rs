@@ -84,6 +84,14 @@ impl Partition {
         detached(py, || self.core.perturb(seed, first..end))
     }
 
+    fn make_injective(&mut self, py: Python<'_>) -> PyResult<usize> {
+        detached(py, || self.core.make_injective())
+    }
+
+    fn join_tiny(&mut self, py: Python<'_>, smallest: f64) -> PyResult<usize> {
+        detached(py, || self.core.join_tiny(smallest))
+    }
+
     fn set_distortion(&mut self, distortion: f64) {
         self.core.set_distortion(distortion);
     }

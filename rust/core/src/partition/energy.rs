@@ -14,6 +14,9 @@ use crate::parallel::Buffers;
 /// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts
 /// plug peaks.
 const CHART: f64 = 0.1;
+/// What an overlap costs however small, as in the end a chart with one is split. Cheap enough not to
+/// keep boundaries from moving through overlaps.
+const REPAIR: f64 = 0.3;
 /// Area that is covered twice, relative to squared log scale.
 const OVERLAP: f64 = 0.25;
 /// Tables of known energies, so that threads rarely wait for each other.
@@ -59,9 +62,11 @@ impl Rule {
         if self.injective && !terms.injective() {
             return f64::INFINITY;
         }
+        let repair = if terms.simple { 0.0 } else { REPAIR };
         0.5 * terms.perimeter
             + terms.cut
             + CHART
+            + repair
             + self.distortion * (terms.distortion + OVERLAP * terms.overlap)
     }
 }
@@ -93,9 +98,6 @@ impl Energies {
         }
     }
 
-    pub fn count(&self) -> usize {
-        self.known.iter().map(|k| lock(k).len()).sum()
-    }
     /// Lends marks, which do not hold the thread pool up.
     pub fn with_marks<T>(&self, work: impl FnOnce(&mut Marks) -> T) -> T {
         let mut marks = self.marks.take().unwrap_or_default();

@@ -18,6 +18,7 @@ mod perturb;
 mod polygon;
 mod random;
 mod relax;
+mod repair;
 mod split;
 
 pub use energy::{Rule, Terms};
@@ -146,6 +147,18 @@ impl Partition {
     /// Tries the perturbations of the given numbers; how many were kept.
     pub fn perturb(&mut self, seed: u64, trials: std::ops::Range<usize>) -> usize {
         perturb::perturb(&self.energies, &mut self.charts, &self.rule, seed, trials)
+    }
+
+    /// From now on no chart may overlap itself or have faces turned over: those that do are split
+    /// and relaxed until none is left. Returns how many did.
+    pub fn make_injective(&mut self) -> usize {
+        self.rule.injective = true;
+        repair::make_injective(&self.energies, &mut self.charts, &self.rule)
+    }
+
+    /// Joins charts below a part of the area to neighbours; how many.
+    pub fn join_tiny(&mut self, smallest: f64) -> usize {
+        repair::join_tiny(&self.energies, &mut self.charts, &self.rule, smallest)
     }
 
     /// Weighs the distortion anew.
