@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from ._core import __version__
     from .atlas import Atlas, Chart, build_atlas
     from .io import load, save_mesh, save_ply
+    from .partition import Partition, partition
     from .quality import QualityWarning
     from .segmentation import (
         CollapsedError,
@@ -29,6 +30,7 @@ __all__ = [
     "CollapsedError",
     "Diagnostics",
     "DisconnectedError",
+    "Partition",
     "Progress",
     "QualityWarning",
     "SegmentTree",
@@ -40,6 +42,7 @@ __all__ = [
     "datasets",
     "functionals",
     "load",
+    "partition",
     "remesh",
     "save_mesh",
     "save_ply",
@@ -55,6 +58,7 @@ _MODULES = {
     "CollapsedError": "segmentation",
     "Diagnostics": "segmentation",
     "DisconnectedError": "segmentation",
+    "Partition": "partition",
     "Progress": "segmentation",
     "QualityWarning": "quality",
     "SegmentTree": "segmentation",
@@ -64,6 +68,7 @@ _MODULES = {
     "__version__": "_core",
     "build_atlas": "atlas",
     "load": "io",
+    "partition": "partition",
     "save_mesh": "io",
     "save_ply": "io",
     "segment": "segmentation",

@@ -27,7 +27,7 @@ _ATTEMPTS = ((0.25, False), (0.25, True), (0.35, True))
 _FEWEST_FACES = 200
 _CLEARLY_FEWER = 0.6
 # The library keeps its mesh in variables of the process.
-_LOCK = threading.Lock()
+LOCK = threading.Lock()
 
 
 def coarsen(surface: Surface) -> Transfer | None:
@@ -78,7 +78,7 @@ def coarsen(surface: Surface) -> Transfer | None:
 
 def _simplified(surface: Surface, kept: float, preserve_border: bool) -> tuple[Any, Any, Any]:
     """Vertices, faces but those folded flat, and the vertex that each has collapsed to, or -1."""
-    with _LOCK:
+    with LOCK:
         vertices, faces, collapses = fast_simplification.simplify(
             surface.vertices.copy(),
             surface.faces.astype(np.int32),

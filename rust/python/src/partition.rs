@@ -17,37 +17,21 @@ type Figures = (f64, f64, f64, f64, f64, f64, usize, usize);
 
 #[pymethods]
 impl Partition {
-    /// The connected pieces of equal label.
     #[new]
-    fn new(
-        py: Python<'_>,
-        mesh: &TriangleMesh,
-        labels: PyReadonlyArray1<'_, i64>,
-        distortion: f64,
-    ) -> PyResult<Self> {
-        let labels = labels.as_slice()?;
-        let core = detached(py, || {
-            core::Partition::new(&mesh.surface, labels, distortion)
-        })?;
+    fn new(py: Python<'_>, mesh: &TriangleMesh, distortion: f64) -> PyResult<Self> {
+        let core = detached(py, || core::Partition::new(&mesh.surface, distortion))?;
         Ok(Self {
             core: core.map_err(to_python)?,
         })
     }
 
-    /// About `count` cells of similar normals.
-    #[staticmethod]
-    fn of_cells(
-        py: Python<'_>,
-        mesh: &TriangleMesh,
-        count: usize,
-        distortion: f64,
-    ) -> PyResult<Self> {
-        let core = detached(py, || {
-            core::Partition::of_cells(&mesh.surface, count, distortion)
-        })?;
-        Ok(Self {
-            core: core.map_err(to_python)?,
-        })
+    fn set_labels(&mut self, py: Python<'_>, labels: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
+        let labels = labels.as_slice()?;
+        detached(py, || self.core.set_labels(labels))?.map_err(to_python)
+    }
+
+    fn set_cells(&mut self, py: Python<'_>, count: usize) -> PyResult<()> {
+        detached(py, || self.core.set_cells(count))
     }
 
     fn labels<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
@@ -76,16 +60,24 @@ impl Partition {
         detached(py, || self.core.merge())
     }
 
-    fn relax(&mut self, py: Python<'_>, limit: usize) -> PyResult<f64> {
-        detached(py, || self.core.relax(limit))
+    fn sweep(&mut self, py: Python<'_>) -> PyResult<bool> {
+        detached(py, || self.core.sweep())
     }
 
     fn perturb(&mut self, py: Python<'_>, seed: u64, first: usize, end: usize) -> PyResult<usize> {
         detached(py, || self.core.perturb(seed, first..end))
     }
 
-    fn make_injective(&mut self, py: Python<'_>) -> PyResult<usize> {
-        detached(py, || self.core.make_injective())
+    fn allow_overlap(&mut self) {
+        self.core.allow_overlap();
+    }
+
+    fn forbid_overlap(&mut self, py: Python<'_>) -> PyResult<()> {
+        detached(py, || self.core.forbid_overlap())
+    }
+
+    fn split_failing(&mut self, py: Python<'_>, count: usize) -> PyResult<usize> {
+        detached(py, || self.core.split_failing(count))
     }
 
     fn join_tiny(&mut self, py: Python<'_>, smallest: f64) -> PyResult<usize> {

@@ -8,8 +8,6 @@ use crate::surface::Surface;
 /// A surface scaled to unit area. Half-edge `3 f + k` runs from corner `k` of face `f` to the next.
 #[derive(Debug)]
 pub(super) struct Geometry {
-    /// Length of the surface in one unit of the copy: the root of its area.
-    pub unit: f64,
     /// The vertex that each half-edge starts at.
     pub origins: Vec<u32>,
     /// The half-edge on the other side; [`NONE`] at the border of the surface.
@@ -109,7 +107,6 @@ impl Geometry {
             ranks[v as usize] = rank as u32;
         }
         Ok(Self {
-            unit,
             origins: mesh.faces().as_flattened().to_vec(),
             twins,
             lengths,

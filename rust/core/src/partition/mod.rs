@@ -23,11 +23,12 @@ mod split;
 
 pub use energy::{Rule, Terms};
 
-use crate::error::Result;
+use crate::error::{Result, check_length};
 use crate::surface::Surface;
 use charts::Charts;
 use energy::Energies;
 use geometry::Geometry;
+use relax::Memory;
 
 /// Sums over the charts of a partition, on the surface of unit area.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,46 +50,47 @@ pub struct Partition {
     energies: Energies,
     charts: Charts,
     rule: Rule,
+    memory: Memory,
 }
 
 impl Partition {
-    /// Starts from the connected pieces of equal label.
+    /// Starts from a single chart.
     ///
     /// # Errors
-    /// [`Error::Length`] for labels that are not one a face, [`Error::OutOfMemory`].
-    pub fn new(surface: &Surface, labels: &[i64], distortion: f64) -> Result<Self> {
-        crate::error::check_length("labels", labels.len(), surface.mesh().n_faces())?;
+    /// [`crate::Error::OutOfMemory`].
+    pub fn new(surface: &Surface, distortion: f64) -> Result<Self> {
         let energies = Energies::new(Geometry::new(surface)?);
         let rule = Rule {
             distortion,
             injective: false,
         };
-        let labels = distinct(labels);
-        let charts = Charts::new(&energies, &labels, &rule);
         Ok(Self {
+            charts: Charts::new(&energies, &vec![0; surface.mesh().n_faces()], &rule),
             energies,
-            charts,
             rule,
+            memory: Memory::default(),
         })
     }
 
-    /// Starts from about `count` cells of similar normals.
+    /// Starts anew from the connected pieces of equal label.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`].
-    pub fn of_cells(surface: &Surface, count: usize, distortion: f64) -> Result<Self> {
-        let energies = Energies::new(Geometry::new(surface)?);
-        let rule = Rule {
-            distortion,
-            injective: false,
-        };
-        let labels = cells::cells(&energies.geometry, count);
-        let charts = Charts::new(&energies, &labels, &rule);
-        Ok(Self {
-            energies,
-            charts,
-            rule,
-        })
+    /// [`crate::Error::Length`] for labels that are not one a face.
+    pub fn set_labels(&mut self, labels: &[i64]) -> Result<()> {
+        check_length("labels", labels.len(), self.charts.labels.len())?;
+        self.replace(Charts::new(&self.energies, &distinct(labels), &self.rule));
+        Ok(())
+    }
+
+    /// Starts anew from about `count` cells of similar normals.
+    pub fn set_cells(&mut self, count: usize) {
+        let labels = cells::cells(&self.energies.geometry, count);
+        self.replace(Charts::new(&self.energies, &labels, &self.rule));
+    }
+
+    fn replace(&mut self, charts: Charts) {
+        self.charts = charts;
+        self.memory = Memory::default();
     }
 
     /// Chart of each face, from 0.
@@ -124,46 +126,60 @@ impl Partition {
                 labels[f as usize] = label;
             }
         }
-        self.charts = Charts::new(&self.energies, &labels, &self.rule);
+        self.replace(Charts::new(&self.energies, &labels, &self.rule));
     }
 
     /// Merges charts while the energy falls.
     pub fn merge(&mut self) {
-        self.charts = merge::merge(&self.energies, &self.charts, &self.rule);
+        self.replace(merge::merge(&self.energies, &self.charts, &self.rule));
     }
 
-    /// Moves the boundaries while the energy falls, at most `limit` times each.
-    pub fn relax(&mut self, limit: usize) -> f64 {
-        relax::relax(
+    /// Moves each boundary once; the next sweep knows which have come to rest. Whether more moves
+    /// are worth while.
+    pub fn sweep(&mut self) -> bool {
+        let gain = relax::sweep(
             &self.energies,
             &mut self.charts,
             &self.rule,
-            None,
-            limit,
-            f64::INFINITY,
-        )
+            &mut self.memory,
+        );
+        !relax::at_rest(gain, self.charts.energy(&self.rule))
     }
 
     /// Tries the perturbations of the given numbers; how many were kept.
     pub fn perturb(&mut self, seed: u64, trials: std::ops::Range<usize>) -> usize {
+        self.memory = Memory::default();
         perturb::perturb(&self.energies, &mut self.charts, &self.rule, seed, trials)
     }
 
-    /// From now on no chart may overlap itself or have faces turned over: those that do are split
-    /// and relaxed until none is left. Returns how many did.
-    pub fn make_injective(&mut self) -> usize {
-        self.rule.injective = true;
-        repair::make_injective(&self.energies, &mut self.charts, &self.rule)
+    /// From now on an overlap costs in proportion to its area.
+    pub fn allow_overlap(&mut self) {
+        self.rule.injective = false;
+        self.memory = Memory::default();
     }
 
-    /// Joins charts below a part of the area to neighbours; how many.
+    /// From now on a chart that overlaps itself, or has faces turned over, costs infinitely much.
+    pub fn forbid_overlap(&mut self) {
+        self.rule.injective = true;
+        self.replace(self.charts.under(&self.energies, &self.rule));
+    }
+
+    /// Splits the charts that cost infinitely much in about `count` parts; how many there were.
+    pub fn split_failing(&mut self, count: usize) -> usize {
+        self.memory = Memory::default();
+        repair::split_failing(&self.energies, &mut self.charts, &self.rule, count)
+    }
+
+    /// Joins charts below a part of the area to neighbours where the rule allows it; how many.
     pub fn join_tiny(&mut self, smallest: f64) -> usize {
+        self.memory = Memory::default();
         repair::join_tiny(&self.energies, &mut self.charts, &self.rule, smallest)
     }
 
     /// Weighs the distortion anew.
     pub fn set_distortion(&mut self, distortion: f64) {
         self.rule.distortion = distortion;
+        self.memory = Memory::default();
     }
 }
 

@@ -8,7 +8,7 @@ use super::charts::Charts;
 use super::energy::{Energies, Rule};
 use super::merge::merge;
 use super::random::Random;
-use super::relax::relax;
+use super::relax::relax_towards;
 use super::split::split;
 
 /// Perturbations of one state that are tried side by side. A fixed number, so that the outcome
@@ -134,6 +134,6 @@ fn trial_of(
         return None;
     }
     let active: BTreeSet<u32> = faces.iter().map(|&f| outcome.labels[f as usize]).collect();
-    relax(energies, &mut outcome, rule, Some(active), SWEEPS, before);
+    relax_towards(energies, &mut outcome, rule, active, SWEEPS, before);
     Some(merge(energies, &outcome, rule))
 }

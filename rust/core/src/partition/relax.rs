@@ -39,6 +39,8 @@ pub(super) struct Memory {
     settled: HashSet<(u128, u128)>,
     /// Band of the next attempt at a pair of labels.
     radii: HashMap<(u32, u32), f64>,
+    /// Charts whose boundaries may move; all where there is none.
+    pub active: Option<BTreeSet<u32>>,
 }
 
 /// Two charts that take the place of two others.
@@ -48,17 +50,19 @@ struct Move {
     radius: f64,
 }
 
-/// Moves each boundary once, the longest first; those between charts of `active`, or all. Returns
-/// the gain and the charts that have changed.
+/// Moves each boundary once, the longest first; after the first sweep only those of charts that have
+/// changed in the last. Returns the gain.
 pub(super) fn sweep(
     energies: &Energies,
     charts: &mut Charts,
     rule: &Rule,
-    active: Option<&BTreeSet<u32>>,
     memory: &mut Memory,
-) -> (f64, BTreeSet<u32>) {
-    let mut pairs = ordered(&charts.seams(&energies.geometry), |&(a, b)| {
-        active.is_none_or(|set| set.contains(&a) || set.contains(&b))
+) -> f64 {
+    let active = memory.active.take();
+    let mut pairs = ordered(&charts.seams(&energies.geometry), |(a, b)| {
+        active
+            .as_ref()
+            .is_none_or(|set| set.contains(a) || set.contains(b))
     });
     let mut gain = 0.0;
     let mut changed = BTreeSet::new();
@@ -102,31 +106,36 @@ pub(super) fn sweep(
             }
         }
     }
-    (gain, changed)
+    memory.active = Some(changed);
+    gain
 }
 
-/// Sweeps until the boundaries rest, or `limit` times, or until `goal` is out of sight. Returns the gain.
-pub(super) fn relax(
+/// Whether a gain is too little, relative to the energy, to sweep on.
+pub(super) fn at_rest(gain: f64, energy: f64) -> bool {
+    gain < REST * energy
+}
+
+/// Sweeps from the `active` charts on until the boundaries rest, or `limit` times, or until an
+/// energy below `goal` is out of sight.
+pub(super) fn relax_towards(
     energies: &Energies,
     charts: &mut Charts,
     rule: &Rule,
-    active: Option<BTreeSet<u32>>,
+    active: BTreeSet<u32>,
     limit: usize,
     goal: f64,
-) -> f64 {
-    let mut memory = Memory::default();
-    let mut active = active;
-    let mut total = 0.0;
+) {
+    let mut memory = Memory {
+        active: Some(active),
+        ..Memory::default()
+    };
     for _ in 0..limit {
-        let (gain, changed) = sweep(energies, charts, rule, active.as_ref(), &mut memory);
-        total += gain;
+        let gain = sweep(energies, charts, rule, &mut memory);
         let energy = charts.energy(rule);
-        if gain < REST * energy || energy - goal > SIGHT * gain {
+        if at_rest(gain, energy) || energy - goal > SIGHT * gain {
             break;
         }
-        active = Some(changed);
     }
-    total
 }
 
 fn key(charts: &Charts, (a, b): (u32, u32)) -> (u128, u128) {

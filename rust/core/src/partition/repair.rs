@@ -7,50 +7,33 @@ use rayon::prelude::*;
 
 use super::charts::{Charts, union};
 use super::energy::{Chart, Energies, Rule};
-use super::merge::merge;
 use super::random::Random;
-use super::relax::relax;
 use super::split::split;
 
 /// Splits of one chart that are compared.
 const TRIALS: u64 = 8;
-/// Rounds of splitting; a chart is split into more parts in later ones.
-const ROUNDS: usize = 12;
-/// Sweeps after a round.
-const SWEEPS: usize = 8;
 /// Part of the mean piece below which a piece joins another.
 const SMALLEST: f64 = 0.05;
 
-/// Splits and relaxes until all charts are injective under the rule, which asks for that. Returns
-/// how many charts were not.
-pub(super) fn make_injective(energies: &Energies, charts: &mut Charts, rule: &Rule) -> usize {
-    *charts = charts.under(energies, rule);
+/// Splits the charts that the rule forbids, in `count` parts or a few more. Returns how many there
+/// were.
+pub(super) fn split_failing(
+    energies: &Energies,
+    charts: &mut Charts,
+    rule: &Rule,
+    count: usize,
+) -> usize {
     let bad = failing(charts, rule);
-    let count = bad.len();
-    if count == 0 {
-        return 0;
-    }
-    // Where it takes little, the boundaries alone can do it.
-    let active: BTreeSet<u32> = bad.into_iter().collect();
-    relax(energies, charts, rule, Some(active), 2, f64::INFINITY);
-    for round in 0..ROUNDS {
-        let bad = failing(charts, rule);
-        if bad.is_empty() {
-            break;
-        }
+    if !bad.is_empty() {
         let parts: Vec<Arc<Chart>> = bad
             .par_iter()
             .flat_map_iter(|&label| {
-                let chart = &charts.charts[label as usize];
-                best_split(energies, chart, rule, 2 + round / 2)
+                best_split(energies, &charts.charts[label as usize], rule, count)
             })
             .collect();
         charts.exchange(&bad, parts);
-        *charts = merge(energies, charts, rule);
-        relax(energies, charts, rule, None, SWEEPS, f64::INFINITY);
-        *charts = merge(energies, charts, rule);
     }
-    count
+    bad.len()
 }
 
 fn failing(charts: &Charts, rule: &Rule) -> Vec<u32> {

@@ -1,0 +1,325 @@
+"""Charts by energy, all at once.
+
+The energy is (seam + cuts) / sqrt A + distortion * Y + charts / 10, where A is the area and Y the
+mean squared log scale of the conformal maps that keep lengths on the boundaries of the charts.
+Charts are cut to disks. Every move is judged by the exact difference of the energy; the moves are
+in the `partition` module of the core.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Literal, get_args
+
+import numpy as np
+
+from .. import _core
+from ..arrays import Floats, Ints
+from ..segmentation import Segmentation
+from ..surface import Surface
+from .coarse import labels_from, simplified
+
+__all__ = ["Effort", "Partition", "Phase", "partition"]
+
+Effort = Literal["fast", "normal", "best"]
+
+# Perturbations; each of the first 20 gains about 0.3 % of the energy.
+_PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 24, "best": 160}
+# Perturbations between two looks at the clock and the keyboard.
+_BATCH = 4
+# Faces of the surface of the first phases, and its first cells.
+_COARSE_FACES = 4000
+_CELLS = 60
+# Rounds of relaxing and merging, sweeps in each, and the gain that is worth another round.
+_ROUNDS = 3
+_SWEEPS = 8
+_WORTH = 1e-3
+# Least area of a chart, relative to the surface.
+_SMALLEST = 1e-3
+# Rounds of splitting charts that overlap themselves.
+_REPAIRS = 12
+# Weights of the distortion between which bounds are met, steps of the bisection, attempts at it.
+_WEIGHTS = (1e-2, 1e6)
+_BISECTIONS = 10
+_ATTEMPTS = 8
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Figures of a partition after a phase of its making.
+
+    Attributes
+    ----------
+    name : str
+        What was done: "cells", "merge", "relax", "perturb", "refine", "repair".
+    n_faces : int
+        Faces of the surface that it was done on; the first phases work on a simplified one.
+    energy : float
+    seam, cuts : float
+        Lengths between charts and of the cuts that open them, in roots of the area.
+    distortion : float
+        Mean squared log scale of the boundary-first maps.
+    n_charts : int
+    n_overlapping : int
+        Charts whose map is known to cover a point twice or to turn a face over.
+    smallest : float
+        Area of the smallest chart, relative to the surface.
+    seconds : float
+        Since the start.
+    """
+
+    name: str
+    n_faces: int
+    energy: float
+    seam: float
+    cuts: float
+    distortion: float
+    n_charts: int
+    n_overlapping: int
+    smallest: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Partition(Segmentation):
+    """A segmentation by energy.
+
+    Attributes
+    ----------
+    diagnostics : tuple of Phase
+        The figures after each phase, in order.
+    """
+
+    diagnostics: tuple[Phase, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Log:
+    """Notes the phases and passes them on."""
+
+    phases: list[Phase]
+    start: float
+    progress: Callable[[Phase], None] | None
+
+    def note(self, name: str, surface: Surface, core: _core.Partition) -> Phase:
+        energy, seam, cuts, distortion, _, smallest, charts, overlapping = core.figures()
+        phase = Phase(
+            name=name,
+            n_faces=surface.n_faces,
+            energy=energy,
+            seam=seam,
+            cuts=cuts,
+            distortion=distortion,
+            n_charts=charts,
+            n_overlapping=overlapping,
+            smallest=smallest,
+            seconds=perf_counter() - self.start,
+        )
+        if self.progress is not None:
+            self.progress(phase)
+        return phase
+
+    def close(self, phase: Phase) -> None:
+        self.phases.append(phase)
+
+
+def partition(
+    surface: Surface,
+    *,
+    distortion: float = 600.0,
+    max_distortion: float | None = None,
+    max_charts: int | None = None,
+    effort: Effort = "normal",
+    seed: int = 0,
+    progress: Callable[[Phase], None] | None = None,
+) -> Partition:
+    """Cut a surface into the charts that cost least in seam, cuts and distortion together.
+
+    Every chart is connected, and a disk once it is cut along the cuts that are counted; its
+    boundary-first map covers no point twice and turns no face over.
+
+    Parameters
+    ----------
+    surface : Surface
+    distortion : float, default 600
+        Weight of the mean squared log scale against the length of the seams in roots of the area.
+        400 to 1000 suit smooth surfaces; less gives fewer charts.
+    max_distortion : float, optional
+        Bound on the root mean square log scale; 0.05 lets texels vary by 5 %. It overrides
+        `distortion`.
+    max_charts : int, optional
+        Bound on the number of charts, which overrides `distortion` as well; where both bounds are
+        given and clash, this one holds.
+    effort : {"fast", "normal", "best"}
+        How many perturbations are tried.
+    seed : int, default 0
+        Seed of the perturbations. Equal inputs give equal charts for any number of threads.
+    progress : callable, optional
+        Called with the `Phase` so far after each group of moves.
+
+    Returns
+    -------
+    Partition
+        Charts by area, the largest first. The weights are the shares of the charts in the faces
+        around each vertex.
+
+    Raises
+    ------
+    ValueError
+        For a weight or bound that is not positive, an unknown effort, or a negative seed.
+
+    Warns
+    -----
+    UserWarning
+        Where a bound is not met.
+    """
+    _check(distortion, max_distortion, max_charts, effort, seed)
+    log = _Log([], perf_counter(), progress)
+    coarse = simplified(surface, _COARSE_FACES)
+    rough, fine = (_core.Partition(each._mesh, distortion) for each in (coarse, surface))
+    if max_distortion is not None or max_charts is not None:
+        distortion = _weight(rough, max_distortion, max_charts)
+    for _ in range(_ATTEMPTS):
+        rough.set_distortion(distortion)
+        _search(rough, coarse, _PERTURBATIONS[effort], seed, log)
+        fine.set_distortion(distortion)
+        fine.set_labels(labels_from(coarse, rough.labels(), surface))
+        last = _finish(fine, surface, log)
+        if max_charts is not None and last.n_charts > max_charts:
+            distortion *= 0.5
+        elif (
+            max_distortion is not None
+            and max_charts is None
+            and last.distortion > max_distortion**2
+        ):
+            # The distortion falls like the weight to the power of -4 / 5.
+            distortion *= 1.1 * (last.distortion / max_distortion**2) ** 1.25
+        else:
+            break
+    _warn(last, max_distortion, max_charts)
+    labels = _by_area(fine.labels(), surface)
+    return Partition(surface, labels, _shares(surface, labels), tuple(log.phases))
+
+
+def _search(
+    core: _core.Partition, surface: Surface, perturbations: int, seed: int, log: _Log
+) -> None:
+    """Find charts from cells."""
+    core.set_cells(_CELLS)
+    log.close(log.note("cells", surface, core))
+    core.merge()
+    log.close(log.note("merge", surface, core))
+    log.close(_descend(core, surface, "relax", log))
+    for first in range(0, perturbations, _BATCH):
+        core.perturb(seed, first, min(first + _BATCH, perturbations))
+        log.note("perturb", surface, core)
+    log.close(_descend(core, surface, "perturb", log))
+
+
+def _finish(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
+    """Relax on the surface itself; then no chart may overlap itself or be tiny."""
+    core.allow_overlap()
+    core.join_small(_SMALLEST)
+    log.close(_descend(core, surface, "refine", log))
+    core.forbid_overlap()
+    _descend(core, surface, "repair", log)
+    for k in range(_REPAIRS):
+        if core.split_failing(2 + k // 2) == 0:
+            break
+        _descend(core, surface, "repair", log)
+    core.join_tiny(_SMALLEST)
+    last = log.note("repair", surface, core)
+    log.close(last)
+    return last
+
+
+def _descend(core: _core.Partition, surface: Surface, name: str, log: _Log) -> Phase:
+    """Merge and relax until the energy rests."""
+    core.merge()
+    phase = log.note(name, surface, core)
+    for _ in range(_ROUNDS):
+        energy = phase.energy
+        for _ in range(_SWEEPS):
+            more = core.sweep()
+            log.note(name, surface, core)
+            if not more:
+                break
+        core.merge()
+        phase = log.note(name, surface, core)
+        if not phase.energy < (1 - _WORTH) * energy:
+            break
+    return phase
+
+
+def _weight(core: _core.Partition, max_distortion: float | None, max_charts: int | None) -> float:
+    """Bisect for the least weight that meets the bound, without perturbations."""
+    low, high = np.log(_WEIGHTS)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        core.set_distortion(float(np.exp(middle)))
+        core.set_cells(_CELLS)
+        core.merge()
+        core.sweep()
+        core.merge()
+        _, _, _, distortion, _, _, charts, _ = core.figures()
+        if max_charts is not None:
+            enough = charts > max_charts
+        else:
+            enough = max_distortion is not None and distortion < max_distortion**2
+        low, high = (low, middle) if enough else (middle, high)
+    return float(np.exp(low if max_charts is not None else high))
+
+
+def _warn(last: Phase, max_distortion: float | None, max_charts: int | None) -> None:
+    if max_charts is not None and last.n_charts > max_charts:
+        warnings.warn(
+            f"max_charts: {max_charts} is exceeded, there are {last.n_charts} charts", stacklevel=3
+        )
+    if max_distortion is not None and last.distortion > max_distortion**2:
+        warnings.warn(
+            f"max_distortion: {max_distortion:g} is exceeded, the root mean square log scale is "
+            f"{last.distortion**0.5:.3g}",
+            stacklevel=3,
+        )
+    if last.n_overlapping:
+        warnings.warn(
+            f"{last.n_overlapping} of {last.n_charts} charts overlap themselves", stacklevel=3
+        )
+
+
+def _by_area(labels: Ints, surface: Surface) -> Ints:
+    order = np.argsort(-np.bincount(labels, surface.face_areas), kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return rank[labels].astype(np.int64)
+
+
+def _shares(surface: Surface, labels: Ints) -> Floats:
+    """Share of each label in the faces around each vertex, (k, n)."""
+    n, count = surface.n_vertices, int(labels.max()) + 1
+    places = (labels[:, None] * n + surface.faces).reshape(-1)
+    faces = np.bincount(places, minlength=count * n).reshape(count, n)
+    shares: Floats = faces / faces.sum(axis=0)
+    return shares
+
+
+def _check(
+    distortion: float,
+    max_distortion: float | None,
+    max_charts: int | None,
+    effort: str,
+    seed: int,
+) -> None:
+    bounds = {"distortion": distortion, "max_distortion": max_distortion}
+    for name, value in bounds.items():
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name}: value must be a positive number, got {value}")
+    if max_charts is not None and max_charts < 1:
+        raise ValueError(f"max_charts: value must be at least 1, got {max_charts}")
+    if effort not in get_args(Effort):
+        raise ValueError(f"effort: value must be one of {get_args(Effort)}, got {effort!r}")
+    if seed < 0:
+        raise ValueError(f"seed: value must not be negative, got {seed}")
