@@ -33,6 +33,8 @@ _BATCH = 4
 # Faces of the surface of the first phases, and its first cells.
 _COARSE_FACES = 4000
 _CELLS = 60
+# Faces of a surface against those of the next coarser one.
+_RATIO = 4
 # Rounds of relaxing and merging, sweeps in each, and the gain that is worth another round.
 _ROUNDS = 3
 _SWEEPS = 8
@@ -178,16 +180,18 @@ def partition(
     """
     _check(distortion, max_distortion, max_charts, effort, seed)
     log = _Log([], perf_counter(), progress)
-    coarse = simplified(surface, _COARSE_FACES)
-    rough, fine = (_core.Partition(each._mesh, distortion) for each in (coarse, surface))
+    surfaces = _simplifications(surface)
+    cores = [_core.Partition(each._mesh, distortion) for each in surfaces]
     if max_distortion is not None or max_charts is not None:
-        distortion = _weight(rough, max_distortion, max_charts)
+        distortion = _weight(cores[0], max_distortion, max_charts)
     for _ in range(_ATTEMPTS):
-        rough.set_distortion(distortion)
-        _search(rough, coarse, _PERTURBATIONS[effort], seed, log)
-        fine.set_distortion(distortion)
-        fine.set_labels(labels_from(coarse, rough.labels(), surface))
-        last = _finish(fine, surface, log)
+        for core in cores:
+            core.set_distortion(distortion)
+        _search(cores[0], surfaces[0], _PERTURBATIONS[effort], seed, log)
+        for k in range(1, len(cores)):
+            labels = labels_from(surfaces[k - 1], cores[k - 1].labels(), surfaces[k])
+            _refine(cores[k], surfaces[k], labels, log)
+        last = _repair(cores[-1], surface, log)
         if max_charts is not None and last.n_charts > max_charts:
             distortion *= 0.5
         elif (
@@ -200,7 +204,7 @@ def partition(
         else:
             break
     _warn(last, max_distortion, max_charts)
-    labels = _by_area(fine.labels(), surface)
+    labels = _by_area(cores[-1].labels(), surface)
     return Partition(surface, labels, _shares(surface, labels), tuple(log.phases))
 
 
@@ -219,16 +223,23 @@ def _search(
     log.close(_descend(core, surface, "perturb", log))
 
 
-def _finish(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
-    """Relax on the surface itself; then no chart may overlap itself or be tiny."""
+def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: _Log) -> None:
+    """Relax labels that come from a simplified surface."""
     core.allow_overlap()
+    core.set_labels(labels)
     core.join_small(_SMALLEST)
     log.close(_descend(core, surface, "refine", log))
+
+
+def _repair(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
+    """See to it that no chart overlaps itself and none is tiny."""
     core.forbid_overlap()
-    _descend(core, surface, "repair", log)
     for k in range(_REPAIRS):
+        # Where it takes little, the boundaries alone can do it.
+        core.sweep()
         if core.split_failing(2 + k // 2) == 0:
             break
+        core.merge()
         _descend(core, surface, "repair", log)
     core.join_tiny(_SMALLEST)
     last = log.note("repair", surface, core)
@@ -236,12 +247,24 @@ def _finish(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
     return last
 
 
+def _simplifications(surface: Surface) -> list[Surface]:
+    """The surface and, before it, simplified ones, each with at most a quarter of its faces."""
+    surfaces = [surface]
+    counts = [_COARSE_FACES]
+    while counts[-1] * _RATIO**2 < surface.n_faces:
+        counts.append(counts[-1] * _RATIO)
+    for n_faces in reversed(counts):
+        coarse = simplified(surface, n_faces)
+        if coarse.n_faces < surfaces[0].n_faces:
+            surfaces.insert(0, coarse)
+    return surfaces
+
+
 def _descend(core: _core.Partition, surface: Surface, name: str, log: _Log) -> Phase:
-    """Merge and relax until the energy rests."""
-    core.merge()
+    """Relax and merge until the energy rests."""
     phase = log.note(name, surface, core)
     for _ in range(_ROUNDS):
-        energy = phase.energy
+        energy, n_charts = phase.energy, phase.n_charts
         for _ in range(_SWEEPS):
             more = core.sweep()
             log.note(name, surface, core)
@@ -249,7 +272,8 @@ def _descend(core: _core.Partition, surface: Surface, name: str, log: _Log) -> P
                 break
         core.merge()
         phase = log.note(name, surface, core)
-        if not phase.energy < (1 - _WORTH) * energy:
+        # A merge leaves boundaries to move, what is less than that does not pay.
+        if not phase.energy < (1 - _WORTH) * energy or phase.n_charts == n_charts:
             break
     return phase
 

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use super::charts::union;
 use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
@@ -62,6 +63,19 @@ impl Rule {
         if self.injective && !terms.injective() {
             return f64::INFINITY;
         }
+        self.least_cost(terms)
+    }
+
+    /// Whether the cost is known without a look at the faces.
+    fn is_certain(&self, terms: &Terms) -> bool {
+        !self.injective || !terms.simple || terms.flips.is_some()
+    }
+
+    /// The cost if no face is turned over.
+    fn least_cost(&self, terms: &Terms) -> f64 {
+        if self.injective && !terms.simple {
+            return f64::INFINITY;
+        }
         let repair = if terms.simple { 0.0 } else { REPAIR };
         0.5 * terms.perimeter
             + terms.cut
@@ -115,7 +129,8 @@ impl Energies {
     pub fn chart(&self, faces: Vec<u32>, rule: &Rule) -> Arc<Chart> {
         let hash = self.hash(&faces);
         let terms = self
-            .known(hash, rule)
+            .known(hash)
+            .filter(|terms| rule.is_certain(terms))
             .unwrap_or_else(|| self.evaluate(hash, &faces, rule));
         Arc::new(Chart {
             hash,
@@ -127,13 +142,24 @@ impl Energies {
     }
 
     /// The figures of a set of faces that has been evaluated before.
-    pub fn known(&self, hash: u128, rule: &Rule) -> Option<Terms> {
-        let known = lock(&self.known[hash as usize % SHARDS]);
-        let terms = known.get(&hash).copied()?;
-        (!rule.injective || !terms.simple || terms.flips.is_some()).then_some(terms)
+    fn known(&self, hash: u128) -> Option<Terms> {
+        lock(&self.known[hash as usize % SHARDS])
+            .get(&hash)
+            .copied()
     }
 
-    pub fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> Terms {
+    /// What the union of two charts costs; [`None`] where that is not below `limit`.
+    pub fn cost_of_union(&self, a: &Chart, b: &Chart, rule: &Rule, limit: f64) -> Option<f64> {
+        let hash = a.hash ^ b.hash;
+        let cost = match self.known(hash) {
+            Some(terms) if !(rule.least_cost(&terms) < limit) => return None,
+            Some(terms) if rule.is_certain(&terms) => rule.cost(&terms),
+            _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule)),
+        };
+        (cost < limit).then_some(cost)
+    }
+
+    fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> Terms {
         let terms = self.with_marks(|marks| terms(&self.geometry, faces, rule.injective, marks));
         lock(&self.known[hash as usize % SHARDS]).insert(hash, terms);
         terms

@@ -44,14 +44,7 @@ pub(super) fn merge(energies: &Energies, charts: &Charts, rule: &Rule) -> Charts
         candidates(energies, &alive, &pairs, rule).into();
     let mut fresh = charts.len() as u32;
     let mut merged = false;
-    while let Some(Reverse(Candidate {
-        change,
-        pair: (a, b),
-    })) = heap.pop()
-    {
-        if !(change < 0.0) {
-            break;
-        }
+    while let Some(Reverse(Candidate { pair: (a, b), .. })) = heap.pop() {
         if !alive.contains_key(&a) {
             continue;
         }
@@ -101,17 +94,13 @@ fn candidates(
         .par_iter()
         .filter_map(|&(a, b)| {
             let (first, second) = (&alive[&a], &alive[&b]);
-            let hash = first.hash ^ second.hash;
-            let terms = energies.known(hash, rule).unwrap_or_else(|| {
-                energies.evaluate(hash, &union(&first.faces, &second.faces), rule)
-            });
-            let change = match [rule.cost(&first.terms), rule.cost(&second.terms)] {
-                // Nothing is lost by a merge of what is forbidden, and nothing is gained.
-                [x, y] if x.is_infinite() || y.is_infinite() => return None,
-                [x, y] => rule.cost(&terms) - x - y,
-            };
-            (change < 0.0).then_some(Reverse(Candidate {
-                change,
+            let apart = rule.cost(&first.terms) + rule.cost(&second.terms);
+            // Nothing is gained by a merge of what is forbidden.
+            let together = apart
+                .is_finite()
+                .then(|| energies.cost_of_union(first, second, rule, apart))??;
+            Some(Reverse(Candidate {
+                change: together - apart,
                 pair: (a, b),
             }))
         })
