@@ -27,7 +27,7 @@ __all__ = ["Effort", "Partition", "Phase", "partition"]
 Effort = Literal["fast", "normal", "best"]
 
 # Perturbations; each of the first 20 gains about 0.3 % of the energy.
-_PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 24, "best": 160}
+_PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 32, "best": 160}
 # Perturbations between two looks at the clock and the keyboard.
 _BATCH = 4
 # Faces of the surface of the first phases, and its first cells.
@@ -39,8 +39,6 @@ _RATIO = 4
 _ROUNDS = 3
 _SWEEPS = 8
 _WORTH = 1e-3
-# Least area of a chart, relative to the surface.
-_SMALLEST = 1e-3
 # Rounds of splitting charts that overlap themselves.
 _REPAIRS = 12
 # Weights of the distortion between which bounds are met, steps of the bisection, attempts at it.
@@ -227,7 +225,7 @@ def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: _Log) ->
     """Relax labels that come from a simplified surface."""
     core.allow_overlap()
     core.set_labels(labels)
-    core.join_small(_SMALLEST)
+    core.join_small()
     log.close(_descend(core, surface, "refine", log))
 
 
@@ -241,7 +239,7 @@ def _repair(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
             break
         core.merge()
         _descend(core, surface, "repair", log)
-    core.join_tiny(_SMALLEST)
+    core.resize_tiny()
     last = log.note("repair", surface, core)
     log.close(last)
     return last

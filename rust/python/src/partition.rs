@@ -52,8 +52,8 @@ impl Partition {
         )
     }
 
-    fn join_small(&mut self, py: Python<'_>, smallest: f64) -> PyResult<()> {
-        detached(py, || self.core.join_small(smallest))
+    fn join_small(&mut self, py: Python<'_>) -> PyResult<()> {
+        detached(py, || self.core.join_small())
     }
 
     fn merge(&mut self, py: Python<'_>) -> PyResult<()> {
@@ -80,8 +80,8 @@ impl Partition {
         detached(py, || self.core.split_failing(count))
     }
 
-    fn join_tiny(&mut self, py: Python<'_>, smallest: f64) -> PyResult<usize> {
-        detached(py, || self.core.join_tiny(smallest))
+    fn resize_tiny(&mut self, py: Python<'_>) -> PyResult<usize> {
+        detached(py, || self.core.resize_tiny())
     }
 
     fn set_distortion(&mut self, distortion: f64) {

@@ -15,6 +15,9 @@ use crate::parallel::Buffers;
 /// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts
 /// plug peaks.
 const CHART: f64 = 0.1;
+/// Area below which a chart is too small to be one, and what it costs then.
+pub(super) const SMALLEST: f64 = 1e-3;
+const TINY: f64 = 1.0;
 /// What an overlap costs however small, as in the end a chart with one is split. Cheap enough not to
 /// keep boundaries from moving through overlaps.
 const REPAIR: f64 = 0.3;
@@ -26,6 +29,7 @@ const SHARDS: usize = 16;
 /// Figures of a chart on the surface of unit area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Terms {
+    pub area: f64,
     /// Euler characteristic before the cut.
     pub euler_characteristic: i64,
     /// Length of the boundary but that of the surface.
@@ -77,10 +81,12 @@ impl Rule {
             return f64::INFINITY;
         }
         let repair = if terms.simple { 0.0 } else { REPAIR };
+        let tiny = if terms.area < SMALLEST { TINY } else { 0.0 };
         0.5 * terms.perimeter
             + terms.cut
             + CHART
             + repair
+            + tiny
             + self.distortion * (terms.distortion + OVERLAP * terms.overlap)
     }
 }
@@ -91,7 +97,6 @@ pub(super) struct Chart {
     /// Sorted.
     pub faces: Vec<u32>,
     pub hash: u128,
-    pub area: f64,
     pub terms: Terms,
     sensitivity: OnceLock<Vec<f64>>,
 }
@@ -134,7 +139,6 @@ impl Energies {
             .unwrap_or_else(|| self.evaluate(hash, &faces, rule));
         Arc::new(Chart {
             hash,
-            area: self.geometry.area_of(&faces),
             terms,
             faces,
             sensitivity: OnceLock::new(),
@@ -187,10 +191,12 @@ pub(super) fn face_hash(face: u32) -> u128 {
 }
 
 fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Marks) -> Terms {
+    let area = geometry.area_of(faces);
     let (shape, disk) = match Disk::open(geometry, faces, marks) {
         Opened::Disk(disk) => (disk.shape, Some(disk)),
         Opened::Planar(shape) => {
             return Terms {
+                area,
                 euler_characteristic: shape.euler_characteristic,
                 perimeter: shape.perimeter,
                 cut: 0.0,
@@ -203,6 +209,7 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
         Opened::Closed(shape) => (shape, None),
     };
     let mut terms = Terms {
+        area,
         euler_characteristic: shape.euler_characteristic,
         perimeter: shape.perimeter,
         cut: shape.cut,

@@ -112,14 +112,17 @@ impl Partition {
                 .iter()
                 .filter(|c| !c.terms.simple || c.terms.flips.is_some_and(|n| n > 0))
                 .count(),
-            smallest: charts.iter().map(|c| c.area).fold(f64::INFINITY, f64::min),
+            smallest: charts
+                .iter()
+                .map(|c| c.terms.area)
+                .fold(f64::INFINITY, f64::min),
         }
     }
 
-    /// Gives pieces below a part of the area to the neighbour along the longest boundary.
-    pub fn join_small(&mut self, smallest: f64) {
+    /// Gives pieces below a thousandth of the area to the neighbour along the longest boundary.
+    pub fn join_small(&mut self) {
         let pieces = self.charts.charts.iter().map(|c| c.faces.clone()).collect();
-        let pieces = charts::join_small(&self.energies.geometry, pieces, smallest);
+        let pieces = charts::join_small(&self.energies.geometry, pieces, energy::SMALLEST);
         let mut labels = vec![0; self.charts.labels.len()];
         for (label, piece) in (0..).zip(&pieces) {
             for &f in piece {
@@ -170,10 +173,11 @@ impl Partition {
         repair::split_failing(&self.energies, &mut self.charts, &self.rule, count)
     }
 
-    /// Joins charts below a part of the area to neighbours where the rule allows it; how many.
-    pub fn join_tiny(&mut self, smallest: f64) -> usize {
+    /// Joins charts below a thousandth of the area to neighbours, or lets them grow; how many there
+    /// were.
+    pub fn resize_tiny(&mut self) -> usize {
         self.memory = Memory::default();
-        repair::join_tiny(&self.energies, &mut self.charts, &self.rule, smallest)
+        repair::resize_tiny(&self.energies, &mut self.charts, &self.rule)
     }
 
     /// Weighs the distortion anew.

@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::charts::{Charts, union};
-use super::energy::{Chart, Energies, Rule};
+use super::charts::{Charts, pieces, union};
+use super::energy::{Chart, Energies, Rule, SMALLEST};
 use super::random::Random;
 use super::split::split;
 
 /// Splits of one chart that are compared.
 const TRIALS: u64 = 8;
 /// Part of the mean piece below which a piece joins another.
-const SMALLEST: f64 = 0.05;
+const CRUMB: f64 = 0.05;
 
 /// Splits the charts that the rule forbids, in `count` parts or a few more. Returns how many there
 /// were.
@@ -51,7 +51,7 @@ fn best_split(energies: &Energies, chart: &Chart, rule: &Rule, count: usize) -> 
         .map(|trial| {
             let mut random = Random::new(chart.hash as u64, trial);
             let normals = [0.5, 1.0, 2.0][random.below(3)];
-            let smallest = SMALLEST * chart.area / count as f64;
+            let smallest = CRUMB * chart.terms.area / count as f64;
             split(
                 energies,
                 &chart.faces,
@@ -83,48 +83,96 @@ fn best_split(energies: &Energies, chart: &Chart, rule: &Rule, count: usize) -> 
     splits.into_iter().nth(best.0).unwrap_or_default()
 }
 
-/// Joins charts below an area to the neighbour with which they cost least, where the rule allows
-/// it. Returns how many.
-pub(super) fn join_tiny(
-    energies: &Energies,
-    charts: &mut Charts,
-    rule: &Rule,
-    smallest: f64,
-) -> usize {
-    let mut joined = 0;
-    let mut stuck = BTreeSet::new();
+/// Sees to it that no chart is tiny: each is joined to a neighbour, or takes faces from its neighbours,
+/// whichever costs less, where the rule allows one of the two. Returns how many there were.
+pub(super) fn resize_tiny(energies: &Energies, charts: &mut Charts, rule: &Rule) -> usize {
+    let mut count = 0;
+    let mut done = BTreeSet::new();
     loop {
         let tiny = (0..)
             .zip(&charts.charts)
-            .filter(|(_, chart)| chart.area < smallest && !stuck.contains(&chart.hash))
-            .min_by(|x, y| x.1.area.total_cmp(&y.1.area))
-            .map(|(label, _): (u32, _)| label);
-        let Some(label) = tiny else { return joined };
-        let chart = charts.charts[label as usize].clone();
-        let best = charts
-            .seams(&energies.geometry)
-            .keys()
-            .filter(|pair| pair.0 == label || pair.1 == label)
-            .map(|&(a, b)| if a == label { b } else { a })
-            .map(|other| {
-                let theirs = &charts.charts[other as usize];
-                let both = energies.chart(union(&chart.faces, &theirs.faces), rule);
-                (
-                    rule.cost(&both.terms) - rule.cost(&theirs.terms),
-                    other,
-                    both,
-                )
+            .filter(|(_, chart)| chart.terms.area < SMALLEST && !done.contains(&chart.hash))
+            .min_by(|x, y| x.1.terms.area.total_cmp(&y.1.terms.area));
+        let Some((label, chart)) = tiny else {
+            return count;
+        };
+        count += 1;
+        done.insert(chart.hash);
+        let cost = |list: &[Arc<Chart>]| list.iter().map(|c| rule.cost(&c.terms)).sum::<f64>();
+        let best = joined(energies, charts, rule, label)
+            .into_iter()
+            .chain(grown(energies, charts, rule, label))
+            .map(|(labels, added)| {
+                let before: f64 = labels
+                    .iter()
+                    .map(|&label| rule.cost(&charts.charts[label as usize].terms))
+                    .sum();
+                (cost(&added) - before, labels, added)
             })
             .filter(|(change, ..)| change.is_finite())
             .min_by(|x, y| x.0.total_cmp(&y.0));
-        match best {
-            Some((_, other, both)) => {
-                charts.exchange(&[label, other], vec![both]);
-                joined += 1;
-            }
-            None => {
-                stuck.insert(chart.hash);
-            }
+        if let Some((_, labels, added)) = best {
+            charts.exchange(&labels, added);
         }
     }
+}
+
+/// Charts and those that take their place.
+type Exchange = (Vec<u32>, Vec<Arc<Chart>>);
+
+/// The chart with each of its neighbours.
+fn joined(energies: &Energies, charts: &Charts, rule: &Rule, label: u32) -> Vec<Exchange> {
+    let faces = &charts.charts[label as usize].faces;
+    charts
+        .seams(&energies.geometry)
+        .keys()
+        .filter(|pair| pair.0 == label || pair.1 == label)
+        .map(|&(a, b)| if a == label { b } else { a })
+        .map(|other| {
+            let both = union(faces, &charts.charts[other as usize].faces);
+            (vec![label, other], vec![energies.chart(both, rule)])
+        })
+        .collect()
+}
+
+/// The chart with faces around it, ring by ring, until it is large enough; none where that tears
+/// a neighbour apart.
+fn grown(energies: &Energies, charts: &Charts, rule: &Rule, label: u32) -> Option<Exchange> {
+    let geometry = &energies.geometry;
+    let chart = &charts.charts[label as usize];
+    let mut taken: BTreeSet<u32> = chart.faces.iter().copied().collect();
+    let mut ring = chart.faces.clone();
+    let mut area = chart.terms.area;
+    while area < SMALLEST {
+        let next: BTreeSet<u32> = ring
+            .iter()
+            .flat_map(|&f| geometry.around(f as usize).map(|(_, g)| g as u32))
+            .filter(|g| !taken.contains(g))
+            .collect();
+        if next.is_empty() {
+            return None;
+        }
+        ring = next.into_iter().collect();
+        area += geometry.area_of(&ring);
+        taken.extend(&ring);
+    }
+    let donors: BTreeSet<u32> = taken.iter().map(|&f| charts.labels[f as usize]).collect();
+    let mut added = vec![energies.chart(taken.iter().copied().collect(), rule)];
+    for &donor in donors.iter().filter(|&&donor| donor != label) {
+        let faces = &charts.charts[donor as usize].faces;
+        let left: Vec<u32> = faces
+            .iter()
+            .copied()
+            .filter(|f| !taken.contains(f))
+            .collect();
+        if energies
+            .with_marks(|marks| pieces(geometry, &left, marks, |_| ()))
+            .len()
+            != 1
+        {
+            return None;
+        }
+        added.push(energies.chart(left, rule));
+    }
+    Some((donors.into_iter().collect(), added))
 }
