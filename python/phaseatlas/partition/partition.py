@@ -35,9 +35,11 @@ _COARSE_FACES = 4000
 _CELLS = 60
 # Faces of a surface against those of the next coarser one.
 _RATIO = 4
+# Width of the first bands around boundaries that come from a simplified surface, in mean edges.
+_REACH = 1.5
 # Rounds of relaxing and merging, sweeps in each, and the gain that is worth another round.
 _ROUNDS = 3
-_SWEEPS = 8
+_SWEEPS = 16
 _WORTH = 1e-3
 # Rounds of splitting charts that overlap themselves.
 _REPAIRS = 12
@@ -224,7 +226,7 @@ def _search(
 def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: _Log) -> None:
     """Relax labels that come from a simplified surface."""
     core.allow_overlap()
-    core.set_labels(labels)
+    core.set_labels(labels, _REACH)
     core.join_small()
     log.close(_descend(core, surface, "refine", log))
 

@@ -68,16 +68,18 @@ impl Partition {
             charts: Charts::new(&energies, &vec![0; surface.mesh().n_faces()], &rule),
             energies,
             rule,
-            memory: Memory::default(),
+            memory: Memory::new(0.0),
         })
     }
 
-    /// Starts anew from the connected pieces of equal label.
+    /// Starts anew from the connected pieces of equal label, whose boundaries are good to about
+    /// `reach` mean edge lengths: so wide are the first bands.
     ///
     /// # Errors
     /// [`crate::Error::Length`] for labels that are not one a face.
-    pub fn set_labels(&mut self, labels: &[i64]) -> Result<()> {
+    pub fn set_labels(&mut self, labels: &[i64], reach: f64) -> Result<()> {
         check_length("labels", labels.len(), self.charts.labels.len())?;
+        self.memory = Memory::new(reach);
         self.replace(Charts::new(&self.energies, &distinct(labels), &self.rule));
         Ok(())
     }
@@ -85,12 +87,13 @@ impl Partition {
     /// Starts anew from about `count` cells of similar normals.
     pub fn set_cells(&mut self, count: usize) {
         let labels = cells::cells(&self.energies.geometry, count);
+        self.memory = Memory::new(0.0);
         self.replace(Charts::new(&self.energies, &labels, &self.rule));
     }
 
     fn replace(&mut self, charts: Charts) {
         self.charts = charts;
-        self.memory = Memory::default();
+        self.memory.clear();
     }
 
     /// Chart of each face, from 0.
@@ -151,14 +154,14 @@ impl Partition {
 
     /// Tries the perturbations of the given numbers; how many were kept.
     pub fn perturb(&mut self, seed: u64, trials: std::ops::Range<usize>) -> usize {
-        self.memory = Memory::default();
+        self.memory.clear();
         perturb::perturb(&self.energies, &mut self.charts, &self.rule, seed, trials)
     }
 
     /// From now on an overlap costs in proportion to its area.
     pub fn allow_overlap(&mut self) {
         self.rule.injective = false;
-        self.memory = Memory::default();
+        self.memory.clear();
     }
 
     /// From now on a chart that overlaps itself, or has faces turned over, costs infinitely much.
@@ -169,21 +172,21 @@ impl Partition {
 
     /// Splits the charts that cost infinitely much in about `count` parts; how many there were.
     pub fn split_failing(&mut self, count: usize) -> usize {
-        self.memory = Memory::default();
+        self.memory.clear();
         repair::split_failing(&self.energies, &mut self.charts, &self.rule, count)
     }
 
     /// Joins charts below a thousandth of the area to neighbours, or lets them grow; how many there
     /// were.
     pub fn resize_tiny(&mut self) -> usize {
-        self.memory = Memory::default();
+        self.memory.clear();
         repair::resize_tiny(&self.energies, &mut self.charts, &self.rule)
     }
 
     /// Weighs the distortion anew.
     pub fn set_distortion(&mut self, distortion: f64) {
         self.rule.distortion = distortion;
-        self.memory = Memory::default();
+        self.memory.clear();
     }
 }
 

@@ -36,14 +36,32 @@ const REST: f64 = 1e-4;
 const SIGHT: f64 = 3.0;
 
 /// What a sequence of sweeps remembers.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct Memory {
     /// Pairs of charts, by their hashes, whose boundary no cut improves.
     settled: HashSet<(u128, u128)>,
-    /// Band of the next attempt at a pair of labels.
+    /// Band of the first attempt at a pair of labels, in mean edge lengths.
+    first: f64,
+    /// Band of the next attempt.
     radii: HashMap<(u32, u32), f64>,
     /// Charts whose boundaries may move; all where there is none.
     pub active: Option<BTreeSet<u32>>,
+}
+
+impl Memory {
+    pub fn new(first: f64) -> Self {
+        Self {
+            settled: HashSet::new(),
+            first: first.max(NARROWEST),
+            radii: HashMap::new(),
+            active: None,
+        }
+    }
+
+    /// Forgets all but the first band.
+    pub fn clear(&mut self) {
+        *self = Self::new(self.first);
+    }
 }
 
 /// Two charts that take the place of two others.
@@ -82,7 +100,7 @@ pub(super) fn sweep(
         let moves: Vec<Option<Move>> = now
             .par_iter()
             .map(|pair| {
-                let radius = memory.radii.get(pair).copied().unwrap_or(NARROWEST);
+                let radius = memory.radii.get(pair).copied().unwrap_or(memory.first);
                 if memory.settled.contains(&key(charts, *pair)) {
                     return None;
                 }
@@ -130,7 +148,7 @@ pub(super) fn relax_towards(
 ) {
     let mut memory = Memory {
         active: Some(active),
-        ..Memory::default()
+        ..Memory::new(NARROWEST)
     };
     for _ in 0..limit {
         let gain = sweep(energies, charts, rule, &mut memory);
