@@ -523,3 +523,72 @@ def blend_at(charts, texture, face, inside):
                 colour += weight * texture((inside @ uv)[None])[0]
                 total += weight
     return np.rint(np.clip(colour / total, 0, 1) * 255)
+
+
+# --------------------------------------------------------------------------------------------------
+# charts by energy
+# --------------------------------------------------------------------------------------------------
+
+
+def dirichlet_log_scale(vertices, faces):
+    """s of a chart: S s = K inside, 0 on the boundary, (n,)."""
+    inner = np.flatnonzero(~boundary_vertices(vertices, faces))
+    matrix = stiffness(vertices, faces)
+    s = np.zeros(len(vertices))
+    s[inner] = np.linalg.solve(matrix[np.ix_(inner, inner)], angle_defects(vertices, faces)[inner])
+    return s
+
+
+def chart_distortion(vertices, faces):
+    """Integral of s^2 over a chart that is a disk."""
+    return lumped_mass(vertices, faces) @ dirichlet_log_scale(vertices, faces) ** 2
+
+
+def partition_energy(vertices, faces, labels, distortion):
+    """Energy of charts that are disks and overlap nowhere, none of them tiny.
+
+    seam / sqrt A + distortion * sum of the integrals of s^2 / A + charts / 10.
+    """
+    area = face_areas(vertices, faces).sum()
+    neighbours = face_neighbours(faces)
+    seam = 0.0
+    for f, face in enumerate(faces):
+        for k in range(3):
+            g = neighbours[f, k]
+            if f < g and labels[f] != labels[g]:
+                seam += np.linalg.norm(vertices[face[k]] - vertices[face[(k + 1) % 3]])
+    total = 0.0
+    for label in np.unique(labels):
+        used, corners = np.unique(faces[labels == label], return_inverse=True)
+        total += chart_distortion(vertices[used], corners.reshape(-1, 3))
+    return seam / np.sqrt(area) + distortion * total / area + 0.1 * len(np.unique(labels))
+
+
+def ward_cells(vertices, faces, count):
+    """Ward clustering of (normal, centroid), both on the surface of unit area, to `count` cells.
+
+    Always merges the two neighbouring clusters that raise the area-weighted variance least.
+    """
+    vertices = vertices / np.sqrt(face_areas(vertices, faces).sum())
+    areas = face_areas(vertices, faces)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = np.hstack([normals, corners.mean(axis=1)])
+    neighbours = face_neighbours(faces)
+    labels = np.arange(len(faces))
+    while len(np.unique(labels)) > count:
+        best = (math.inf, 0, 0)
+        for f, around in enumerate(neighbours):
+            for g in around:
+                if g < 0 or labels[f] == labels[g]:
+                    continue
+                a, b = labels == labels[f], labels == labels[g]
+                gap = np.average(points[a], axis=0, weights=areas[a]) - np.average(
+                    points[b], axis=0, weights=areas[b]
+                )
+                size = areas[a].sum(), areas[b].sum()
+                cost = gap @ gap * size[0] * size[1] / sum(size)
+                best = min(best, (cost, labels[f], labels[g]))
+        labels[labels == best[2]] = best[1]
+    return labels

@@ -1,4 +1,5 @@
-//! A short cut that opens a chart to a disk: the rule of [`crate::flatten`] on the faces of a chart.
+//! A short cut that opens a chart to a disk: the one that [`crate::flatten`] makes, with vertices and
+//! edges numbered as there, so that equally short cuts are decided alike.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -12,6 +13,7 @@ use crate::mesh::NONE;
 pub(super) struct Opening {
     /// Whether a half-edge of the chart is cut; `3 i + k` for face `i` of the chart.
     pub half_edges: Vec<bool>,
+    /// In the units of the surface.
     pub length: f64,
 }
 
@@ -100,44 +102,58 @@ impl Network {
                 .iter()
                 .flat_map(|&f| 3 * f as usize..3 * f as usize + 3)
         };
-        // Vertices of the corners: the inner ones, then the fans along the boundary loops.
-        let mut corner = vec![NONE; 3 * faces.len()];
-        let mut n = inner.len() as u32;
-        let mut n_loops = 0;
         let is_boundary = |h: usize| twin(h).is_none();
+        // The place of each corner in its fan's loop, then the vertices in the order of first use.
+        let mut fan_of = vec![NONE; 3 * faces.len()];
+        let (mut n_fans, mut n_loops) = (0, 0);
         let mut fan = Vec::new();
         for (i, first) in half_edges().enumerate() {
-            if let Some(v) = marks.vertex(geometry.origins[first] as usize) {
-                corner[i] = v as u32;
-            } else if is_boundary(first) && corner[i] == NONE {
+            if is_boundary(first) && fan_of[i] == NONE {
                 n_loops += 1;
                 let mut h = first;
                 loop {
                     fan.clear();
                     h = walk_fan(geometry, h, &is_boundary, &mut fan);
-                    for &at in &fan {
-                        if let Some(i) = place(at as usize) {
-                            corner[i] = n;
-                        }
+                    for i in fan.iter().filter_map(|&at| place(at as usize)) {
+                        fan_of[i] = n_fans;
                     }
-                    n += 1;
+                    n_fans += 1;
                     if h == first {
                         break;
                     }
                 }
             }
         }
+        let mut fan_vertex = vec![NONE; n_fans as usize];
+        let mut inner_vertex = vec![NONE; inner.len()];
+        let mut n = 0_u32;
+        let corner: Vec<u32> = half_edges()
+            .zip(&fan_of)
+            .map(|(h, &fan)| {
+                let vertex = match marks.vertex(geometry.origins[h] as usize) {
+                    Some(v) => &mut inner_vertex[v],
+                    None => &mut fan_vertex[fan as usize],
+                };
+                if *vertex == NONE {
+                    *vertex = n;
+                    n += 1;
+                }
+                *vertex
+            })
+            .collect();
         let mut edges = Vec::with_capacity(3 * faces.len() / 2 + 8);
         for (i, h) in half_edges().enumerate() {
             let other = twin(h).map_or(NONE, |j| j as u32);
             if other == NONE || (i as u32) < other {
+                let (a, b) = (corner[i], corner[next(i)]);
                 edges.push(Edge {
-                    ends: [corner[i], corner[next(i)]],
-                    length: geometry.lengths[h],
+                    ends: [a.min(b), a.max(b)],
+                    length: geometry.surface_lengths[h],
                     sides: [i as u32, other],
                 });
             }
         }
+        edges.sort_unstable_by_key(|edge| edge.ends);
         let mut starts = vec![0; n as usize + 1];
         let mut on_boundary = vec![false; n as usize];
         for edge in &edges {

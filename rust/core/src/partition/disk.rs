@@ -147,7 +147,7 @@ impl Disk {
             }
             place(geometry, &mut inner, marks);
             let opening = cut_to_disk(geometry, faces, &inner, marks);
-            (cut, shape.cut) = (opening.half_edges, opening.length);
+            (cut, shape.cut) = (opening.half_edges, opening.length / geometry.unit);
             for (i, _) in cut.iter().enumerate().filter(|(_, is_cut)| **is_cut) {
                 n_boundary += 1;
                 marks.set_vertex(

@@ -1,18 +1,22 @@
 //! What the partition asks of a surface, per half-edge, on a copy of unit area.
 
 use crate::error::Result;
-use crate::mesh::NONE;
+use crate::mesh::{NONE, distance};
 use crate::operators::Stiffness;
 use crate::surface::Surface;
 
 /// A surface scaled to unit area. Half-edge `3 f + k` runs from corner `k` of face `f` to the next.
 #[derive(Debug)]
 pub(super) struct Geometry {
+    /// Length on the surface of one unit here: the root of its area.
+    pub unit: f64,
     /// The vertex that each half-edge starts at.
     pub origins: Vec<u32>,
     /// The half-edge on the other side; [`NONE`] at the border of the surface.
     pub twins: Vec<u32>,
     pub lengths: Vec<f64>,
+    /// The same in the units of the surface, by which equally long ways compare as they do elsewhere.
+    pub surface_lengths: Vec<f64>,
     /// Angle at the corner that the half-edge starts at.
     pub angles: Vec<f64>,
     /// Half the cotangent of the angle opposite to the half-edge, in its own face.
@@ -71,7 +75,8 @@ impl Geometry {
             }
         }
         let mut degrees = vec![0; n];
-        let (mut lengths, mut angles) = (Vec::with_capacity(3 * m), Vec::with_capacity(3 * m));
+        let mut surface_lengths = Vec::with_capacity(3 * m);
+        let mut angles = Vec::with_capacity(3 * m);
         let (mut normals, mut centroids) = (Vec::with_capacity(m), Vec::with_capacity(m));
         for face in mesh.faces() {
             let p = face.map(|v| positions[v as usize]);
@@ -81,7 +86,10 @@ impl Geometry {
                     subtract(p[(k + 1) % 3], p[k]),
                     subtract(p[(k + 2) % 3], p[k]),
                 );
-                lengths.push(norm(to));
+                surface_lengths.push(distance(
+                    mesh.vertices()[face[k] as usize],
+                    mesh.vertices()[face[(k + 1) % 3] as usize],
+                ));
                 angles.push(norm(cross(to, from)).atan2(dot(to, from)));
             }
             let normal = cross(subtract(p[1], p[0]), subtract(p[2], p[0]));
@@ -107,9 +115,11 @@ impl Geometry {
             ranks[v as usize] = rank as u32;
         }
         Ok(Self {
+            unit,
             origins: mesh.faces().as_flattened().to_vec(),
             twins,
-            lengths,
+            lengths: surface_lengths.iter().map(|length| length / unit).collect(),
+            surface_lengths,
             angles,
             half_cotangents: mesh.half_cotangents().as_flattened().to_vec(),
             stiffness: edge_stiffness,
