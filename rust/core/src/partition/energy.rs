@@ -413,3 +413,63 @@ fn sensitivity(geometry: &Geometry, faces: &[u32], marks: &mut Marks) -> Option<
 fn head(geometry: &Geometry, h: usize) -> usize {
     geometry.origins[super::geometry::next(h)] as usize
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::Surface;
+    use crate::testing::grid;
+
+    /// A block of cells in the middle of a grid of 80 x 80, `half` cells in each direction.
+    fn block(half: usize) -> Vec<u32> {
+        (0..2 * 80 * 80)
+            .filter(|f| {
+                let (i, j) = (f / 2 % 80, f / 160);
+                (40 - half..40 + half).contains(&i) && (40 - half..40 + half).contains(&j)
+            })
+            .map(|f| f as u32)
+            .collect()
+    }
+
+    #[test]
+    fn sensitivity_is_the_derivative_by_moves() {
+        let dome = grid(80, 80, |x, y| {
+            0.7 - (x - 0.4).powi(2) - 0.5 * (y - 0.5).powi(2) - 0.3 * x * y
+        });
+        let energies = Energies::new(Geometry::new(&Surface::new(dome)).unwrap());
+        let rule = Rule {
+            distortion: 600.0,
+            injective: true,
+        };
+        let charts = [24, 25].map(|half| energies.chart(block(half), &rule));
+        assert!(charts.iter().all(|chart| chart.terms.injective()));
+        let change = charts[1].terms.distortion - charts[0].terms.distortion;
+        // At the boundary before and after, over the area that is gained.
+        let gained: f64 = charts[1].terms.area - charts[0].terms.area;
+        let mean = |k: usize, inside: usize| {
+            let inner = block(inside);
+            let values = energies.sensitivity(&charts[k]);
+            let ring = charts[k].faces.iter().zip(values);
+            let (sum, area) = ring.filter(|(f, _)| inner.binary_search(f).is_err()).fold(
+                (0.0, 0.0),
+                |(sum, area), (&f, value)| {
+                    let a = energies.geometry.areas[f as usize];
+                    (sum + a * value, area + a)
+                },
+            );
+            sum / area
+        };
+        let expected = 0.5 * (mean(0, 23) + mean(1, 24)) * gained;
+        assert!(change > 0.0);
+        assert!((expected / change - 1.0).abs() < 0.1, "{expected} {change}");
+    }
+
+    #[test]
+    fn hash_of_a_union() {
+        let mesh = grid(3, 3, |_, _| 0.0);
+        let energies = Energies::new(Geometry::new(&Surface::new(mesh)).unwrap());
+        let [a, b] = [energies.hash(&[1, 5]), energies.hash(&[2, 7])];
+        assert_eq!(a ^ b, energies.hash(&[1, 2, 5, 7]));
+        assert_ne!(a, b);
+    }
+}

@@ -369,4 +369,35 @@ mod tests {
             assert!((value - least).abs() < 1e-12, "seed {seed}");
         }
     }
+
+    #[test]
+    fn as_the_maximum_flow() {
+        let (rows, columns) = (12, 40);
+        for seed in 0..5 {
+            let mut random = Random::new(seed, 1);
+            let mut network = Network::new(rows * columns);
+            let mut graph = petgraph::Graph::<(), f64>::new();
+            let nodes: Vec<_> = (0..rows * columns + 2)
+                .map(|_| graph.add_node(()))
+                .collect();
+            let [source, sink] = [rows * columns, rows * columns + 1].map(|i| nodes[i]);
+            for i in 0..rows * columns {
+                let [first, second] = [random.unit(), random.unit()];
+                network.add_costs(i, first, second);
+                graph.add_edge(nodes[i], sink, first);
+                graph.add_edge(source, nodes[i], second);
+                for j in [i + 1, i + columns] {
+                    if j < rows * columns && (j != i + 1 || j % columns != 0) {
+                        let capacity = random.unit();
+                        network.add_edge(i, j, capacity);
+                        graph.add_edge(nodes[i], nodes[j], capacity);
+                        graph.add_edge(nodes[j], nodes[i], capacity);
+                    }
+                }
+            }
+            let (expected, _) = petgraph::algo::ford_fulkerson(&graph, source, sink);
+            let (found, _) = network.minimum_cut();
+            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+        }
+    }
 }
