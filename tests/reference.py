@@ -545,9 +545,9 @@ def chart_distortion(vertices, faces):
 
 
 def partition_energy(vertices, faces, labels, distortion):
-    """Energy of charts that are disks and overlap nowhere, none of them tiny.
+    """Energy of charts that are disks, overlap nowhere and are not tiny.
 
-    seam / sqrt A + distortion * sum of the integrals of s^2 / A + charts / 10.
+    The seam over sqrt A, `distortion` times the sum of the integrals of s^2 over A, charts / 10.
     """
     area = face_areas(vertices, faces).sum()
     neighbours = face_neighbours(faces)

@@ -8,19 +8,17 @@ import sys
 
 import numpy as np
 import pytest
-import reference
 
 import phaseatlas as pa
+import reference
 from phaseatlas import _core, datasets
 from phaseatlas.partition import Phase
-
-EIGHT = ("spot", "bob", "hand", "bunny", "armadillo", "fertility", "fandisk", "camelhead")
 
 
 def figures(surface: pa.Surface, labels: np.ndarray, distortion: float = 600.0) -> dict:
     core = _core.Partition(surface._mesh, distortion)
     core.set_labels(np.ascontiguousarray(labels, dtype=np.int64), 0.0)
-    names = "energy seam cuts distortion overlap smallest charts overlapping".split()
+    names = ["energy", "seam", "cuts", "distortion", "overlap", "smallest", "charts", "overlapping"]
     return dict(zip(names, core.figures(), strict=True))
 
 
@@ -97,7 +95,7 @@ def test_energy_of_disks(height: float) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_figures_agree_with_the_flattening(seed: int) -> None:
-    # Charts of any topology: the same cut, the same scale, the same area as the mesh of the chart.
+    # Charts of any topology: the same cut, the same scale as in the mesh of the chart.
     torus = datasets.torus(1.0, 0.4, 28, 12)
     rng = np.random.default_rng(seed)
     centres = rng.normal(size=(1 + 2 * seed, 3))
@@ -136,14 +134,12 @@ def test_units_do_not_matter() -> None:
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("count", [1, 5, 40])
+@pytest.mark.parametrize("count", [1, 5, 20])
 def test_cells(count: int) -> None:
     # Random positions leave no ties.
-    sheet = datasets.sheet(9, 7, amplitude=0.2)
+    sheet = datasets.sheet(7, 5, amplitude=0.2)
     rng = np.random.default_rng(0)
-    surface = pa.Surface(
-        sheet.vertices + 0.01 * rng.normal(size=sheet.vertices.shape), sheet.faces
-    )
+    surface = pa.Surface(sheet.vertices + 0.01 * rng.normal(size=sheet.vertices.shape), sheet.faces)
     core = _core.Partition(surface._mesh, 600.0)
     core.set_cells(count)
     expected = reference.ward_cells(surface.vertices, surface.faces, count)
@@ -168,7 +164,9 @@ def test_every_move_lowers_the_energy() -> None:
     assert np.all(np.diff(energies) <= 1e-9)
     assert energies[-1] < 0.7 * energies[0]
     # What the core says of its labels is what a fresh start says.
-    assert figures(surface, core.labels(), 300.0)["energy"] == pytest.approx(energies[-1], rel=1e-12)
+    assert figures(surface, core.labels(), 300.0)["energy"] == pytest.approx(
+        energies[-1], rel=1e-12
+    )
 
 
 def test_merging_stops_where_no_pair_pays() -> None:
@@ -263,7 +261,7 @@ def test_real_meshes(mesh_path, name: str) -> None:
 def test_same_bytes_for_any_number_of_threads(tmp_path) -> None:
     program = (
         "import sys, numpy as np, phaseatlas as pa\n"
-        "surface = pa.datasets.starfish(4)\n"
+        "surface = pa.datasets.starfish(3)\n"
         "np.save(sys.argv[1], pa.partition(surface, effort='fast', seed=3).labels)\n"
     )
     for threads in "12":
@@ -275,7 +273,7 @@ def test_same_bytes_for_any_number_of_threads(tmp_path) -> None:
 
 
 def test_bounds_are_met() -> None:
-    surface = datasets.starfish(4)
+    surface = datasets.starfish(3)
     free = pa.partition(surface, effort="fast")
     few = pa.partition(surface, effort="fast", max_charts=2)
     assert few.n_segments <= 2
@@ -285,7 +283,7 @@ def test_bounds_are_met() -> None:
 
 
 def test_more_weight_on_distortion_gives_less_of_it() -> None:
-    surface = datasets.starfish(4)
+    surface = datasets.starfish(3)
     rough, even = (
         pa.partition(surface, effort="fast", distortion=weight).diagnostics[-1]
         for weight in (100.0, 3000.0)

@@ -150,21 +150,18 @@ mod tests {
                 0.5 * (p[0] * q[1] - p[1] * q[0])
             })
             .sum();
-        // The area by winding is the covered area plus the area covered twice.
-        let mut covered = 0.0;
-        for k in 0..1000 {
-            let angle = TAU * (k as f64 + 0.5) / 1000.0;
-            let reach = points
-                .iter()
-                .filter(|p| ((p[1].atan2(p[0]) - angle).rem_euclid(TAU) - 0.0).abs() < TAU / 500.0)
-                .map(|p| p[0].hypot(p[1]))
-                .fold(0.0, f64::max);
-            covered += 0.5 * reach * reach * TAU / 1000.0;
-        }
+        // The area by winding is the covered area plus the area covered twice; the loops meet once,
+        // and the outer one is the half of the curve with the larger radii.
+        let outer: f64 = (points.len() / 2..points.len())
+            .map(|i| {
+                let (p, q) = (points[i], points[(i + 1) % points.len()]);
+                0.5 * (p[0] * q[1] - p[1] * q[0])
+            })
+            .sum();
         let twice = covered_twice(&points);
         assert!(
-            (twice - (shoelace - covered)).abs() < 0.02 * twice,
-            "{twice}"
+            (twice - (shoelace - outer)).abs() < 5e-3 * twice,
+            "{twice} {outer}"
         );
     }
 
