@@ -156,7 +156,7 @@ impl Energies {
     pub fn cost_of_union(&self, a: &Chart, b: &Chart, rule: &Rule, limit: f64) -> Option<f64> {
         let hash = a.hash ^ b.hash;
         let cost = match self.known(hash) {
-            Some(terms) if !(rule.least_cost(&terms) < limit) => return None,
+            Some(terms) if rule.least_cost(&terms) >= limit => return None,
             Some(terms) if rule.is_certain(&terms) => rule.cost(&terms),
             _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule)),
         };
@@ -368,7 +368,8 @@ fn flips(
         }
         let [a, b, c] = [0, 1, 2].map(|k| corners[3 * i + k]);
         // Not a number is no map either.
-        count += usize::from(!(turn(a, b, c) > 0.0));
+        let upright = turn(a, b, c) > 0.0;
+        count += usize::from(!upright);
     }
     Ok(count)
 }
