@@ -28,13 +28,12 @@ impl Marks {
     pub fn restart(&mut self, geometry: &Geometry) {
         self.faces.resize(geometry.n_faces(), (0, 0));
         self.vertices.resize(geometry.n_vertices(), (0, 0));
-        self.stamp = match self.stamp.checked_add(1) {
-            Some(stamp) => stamp,
-            None => {
-                self.faces.fill((0, 0));
-                self.vertices.fill((0, 0));
-                1
-            }
+        self.stamp = if let Some(stamp) = self.stamp.checked_add(1) {
+            stamp
+        } else {
+            self.faces.fill((0, 0));
+            self.vertices.fill((0, 0));
+            1
         };
     }
 
@@ -105,12 +104,11 @@ impl Disk {
         for &f in faces {
             for h in 3 * f as usize..3 * f as usize + 3 {
                 let v = geometry.origins[h] as usize;
-                match marks.vertex(v) {
-                    Some(count) => marks.set_vertex(v, count as u32 + 1),
-                    None => {
-                        marks.set_vertex(v, 1);
-                        met.push(v as u32);
-                    }
+                if let Some(count) = marks.vertex(v) {
+                    marks.set_vertex(v, count as u32 + 1);
+                } else {
+                    marks.set_vertex(v, 1);
+                    met.push(v as u32);
                 }
                 match geometry.across(h) {
                     Some(g) if marks.face(g).is_some() => (),

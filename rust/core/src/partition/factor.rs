@@ -29,6 +29,7 @@ pub(super) enum Factor {
 }
 
 /// L D L^T, row by row (Davis 2005); L has a unit diagonal and is stored by columns.
+#[expect(clippy::struct_field_names, reason = "the row of each entry")]
 pub(super) struct Rows {
     starts: Vec<u32>,
     rows: Vec<u32>,

@@ -33,11 +33,17 @@ use relax::Memory;
 /// Sums over the charts of a partition, on the surface of unit area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
+    /// The energy E.
     pub energy: f64,
+    /// Number of charts.
     pub charts: usize,
+    /// Length of the edges between charts.
     pub seam: f64,
+    /// Length of the cuts that open charts to disks.
     pub cuts: f64,
+    /// Integral of the squared log scale.
     pub distortion: f64,
+    /// Area that boundaries of maps cover more than once.
     pub overlap: f64,
     /// Charts whose map is known to be no bijection.
     pub overlapping: usize,
@@ -97,10 +103,13 @@ impl Partition {
     }
 
     /// Chart of each face, from 0.
+    #[must_use]
     pub fn labels(&self) -> &[u32] {
         &self.charts.labels
     }
 
+    /// The sums of the partition as it is now.
+    #[must_use]
     pub fn figures(&self) -> Figures {
         let charts = &self.charts.charts;
         let sum = |term: fn(&Terms) -> f64| charts.iter().map(|c| term(&c.terms)).sum::<f64>();

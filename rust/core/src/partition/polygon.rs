@@ -108,10 +108,10 @@ pub(super) fn covered_twice(points: &[Point]) -> f64 {
     let mut winding = 0;
     for pair in crossings.windows(2) {
         winding += pair[0].2;
-        if pair[0].0 != pair[1].0 {
-            winding = 0;
-        } else {
+        if pair[0].0 == pair[1].0 {
             total += f64::from((winding - 1).max(-winding).max(0)) * (pair[1].1 - pair[0].1);
+        } else {
+            winding = 0;
         }
     }
     total * spacing

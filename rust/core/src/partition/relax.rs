@@ -108,22 +108,20 @@ pub(super) fn sweep(
             })
             .collect();
         for (pair, found) in now.into_iter().zip(moves) {
-            match found {
-                Some(Move {
-                    charts: [a, b],
-                    gain: by,
-                    radius,
-                }) => {
-                    gain += by;
-                    charts.replace(pair.0, a);
-                    charts.replace(pair.1, b);
-                    changed.extend([pair.0, pair.1]);
-                    memory.radii.insert(pair, (WIDENING * radius).min(WIDEST));
-                }
-                None => {
-                    memory.settled.insert(key(charts, pair));
-                    memory.radii.insert(pair, NARROWEST);
-                }
+            if let Some(Move {
+                charts: [a, b],
+                gain: by,
+                radius,
+            }) = found
+            {
+                gain += by;
+                charts.replace(pair.0, a);
+                charts.replace(pair.1, b);
+                changed.extend([pair.0, pair.1]);
+                memory.radii.insert(pair, (WIDENING * radius).min(WIDEST));
+            } else {
+                memory.settled.insert(key(charts, pair));
+                memory.radii.insert(pair, NARROWEST);
             }
         }
     }
@@ -207,7 +205,7 @@ fn improve(
             let Some([first, second]) = parts else {
                 continue;
             };
-            if !tried.insert(energies.hash(&first)) {
+            if !tried.insert(Energies::hash(&first)) {
                 continue;
             }
             let found = [energies.chart(first, rule), energies.chart(second, rule)];
@@ -372,10 +370,9 @@ impl Interface {
                 let length = geometry.lengths[h];
                 match marks.face(g) {
                     Some(j) if i < j => network.add_edge(i, j, length),
-                    Some(_) => (),
                     None if charts.labels[g] == labels[0] => costs[i][1] += length,
                     None if charts.labels[g] == labels[1] => costs[i][0] += length,
-                    None => (),
+                    Some(_) | None => (),
                 }
             }
         }
