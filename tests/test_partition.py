@@ -309,6 +309,11 @@ def test_progress_can_stop_it() -> None:
         pa.partition(datasets.icosphere(3), progress=stop)
 
 
+def test_a_true_answer_stops_it() -> None:
+    with pytest.raises(pa.StoppedError, match=r"^merge: stopped by the progress callback$"):
+        pa.partition(datasets.icosphere(3), progress=lambda phase: phase.name == "merge")
+
+
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [

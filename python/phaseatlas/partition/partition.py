@@ -8,7 +8,6 @@ in the `partition` module of the core.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
@@ -18,7 +17,8 @@ import numpy as np
 
 from .. import _core
 from ..arrays import Floats, Ints
-from ..segmentation import Segmentation
+from ..quality import warn
+from ..segmentation import Segmentation, StoppedError
 from ..surface import Surface
 from .coarse import labels_from, simplified
 
@@ -104,7 +104,7 @@ class _Log:
 
     phases: list[Phase]
     start: float
-    progress: Callable[[Phase], None] | None
+    progress: Callable[[Phase], object] | None
 
     def note(self, name: str, surface: Surface, core: _core.Partition) -> Phase:
         energy, seam, cuts, distortion, _, smallest, charts, overlapping = core.figures()
@@ -120,8 +120,8 @@ class _Log:
             smallest=smallest,
             seconds=perf_counter() - self.start,
         )
-        if self.progress is not None:
-            self.progress(phase)
+        if self.progress is not None and self.progress(phase):
+            raise StoppedError(f"{name}: stopped by the progress callback")
         return phase
 
     def close(self, phase: Phase) -> None:
@@ -136,7 +136,7 @@ def partition(
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
-    progress: Callable[[Phase], None] | None = None,
+    progress: Callable[[Phase], object] | None = None,
 ) -> Partition:
     """Cut a surface into the charts that cost least in seam, cuts and distortion together.
 
@@ -160,7 +160,7 @@ def partition(
     seed : int, default 0
         Seed of the perturbations. Equal inputs give equal charts for any number of threads.
     progress : callable, optional
-        Called with the `Phase` so far after each group of moves.
+        Called with the `Phase` so far after each group of moves; a true answer stops the work.
 
     Returns
     -------
@@ -172,10 +172,12 @@ def partition(
     ------
     ValueError
         For a weight or bound that is not positive, an unknown effort, or a negative seed.
+    StoppedError
+        Where `progress` gave a true answer.
 
     Warns
     -----
-    UserWarning
+    QualityWarning
         Where a bound is not met.
     """
     _check(distortion, max_distortion, max_charts, effort, seed)
@@ -299,19 +301,14 @@ def _weight(core: _core.Partition, max_distortion: float | None, max_charts: int
 
 def _warn(last: Phase, max_distortion: float | None, max_charts: int | None) -> None:
     if max_charts is not None and last.n_charts > max_charts:
-        warnings.warn(
-            f"max_charts: {max_charts} is exceeded, there are {last.n_charts} charts", stacklevel=3
-        )
+        warn(f"max_charts: {max_charts} is exceeded, there are {last.n_charts} charts")
     if max_distortion is not None and last.distortion > max_distortion**2:
-        warnings.warn(
+        warn(
             f"max_distortion: {max_distortion:g} is exceeded, the root mean square log scale is "
-            f"{last.distortion**0.5:.3g}",
-            stacklevel=3,
+            f"{last.distortion**0.5:.3g}"
         )
     if last.n_overlapping:
-        warnings.warn(
-            f"{last.n_overlapping} of {last.n_charts} charts overlap themselves", stacklevel=3
-        )
+        warn(f"{last.n_overlapping} of {last.n_charts} charts overlap themselves")
 
 
 def _by_area(labels: Ints, surface: Surface) -> Ints:
