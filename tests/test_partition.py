@@ -12,7 +12,7 @@ import pytest
 import phaseatlas as pa
 import reference
 from phaseatlas import _core, datasets
-from phaseatlas.partition import Phase
+from phaseatlas.partitioning import Phase
 
 
 def figures(surface: pa.Surface, labels: np.ndarray, distortion: float = 600.0) -> dict:

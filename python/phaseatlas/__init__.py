@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from ._core import __version__
     from .atlas import Atlas, Chart, build_atlas
     from .io import load, save_mesh, save_ply
-    from .partition import Partition, partition
+    from .partitioning import Partition
+    from .partitioning.partition import partition
     from .quality import QualityWarning
     from .segmentation import (
         CollapsedError,
@@ -58,7 +59,7 @@ _MODULES = {
     "CollapsedError": "segmentation",
     "Diagnostics": "segmentation",
     "DisconnectedError": "segmentation",
-    "Partition": "partition",
+    "Partition": "partitioning",
     "Progress": "segmentation",
     "QualityWarning": "quality",
     "SegmentTree": "segmentation",
@@ -68,7 +69,7 @@ _MODULES = {
     "__version__": "_core",
     "build_atlas": "atlas",
     "load": "io",
-    "partition": "partition",
+    "partition": "partitioning",
     "save_mesh": "io",
     "save_ply": "io",
     "segment": "segmentation",
