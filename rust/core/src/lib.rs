@@ -10,6 +10,7 @@
 //! | (2), (10) | area of a phase, within the parent | [`functionals::area`] |
 //! | (3) | connectedness | [`functionals::connectedness`] |
 //! | (12), (13) | diffuse Yamabe equation, distortion and its adjoint | [`functionals::distortion`] |
+//! | (13), sharp | charts by energy, all at once | [`partition`] |
 //! | section 3 | the scalar functions Psi, chi, F, H | [`potentials`] |
 //! | section 3 | stiffness and lumped mass | [`operators`], [`mesh`] |
 //! | section 4 | textures carried by overlapping charts | [`bake`] |
