@@ -104,11 +104,11 @@ def test_labels_are_nested_and_follow_the_weights(tree):
     assert (heaviest == tree.labels).mean() > 0.9
 
 
-@pytest.mark.parametrize("level", [-1, 4])
+@pytest.mark.parametrize("level", [-1, 4, 1.5])
 def test_levels_outside_the_tree_are_refused(tree, level):
-    with pytest.raises(ValueError, match=f"level: {level} must be in 0..3"):
+    with pytest.raises(ValueError, match=f"level: {level} must be a whole number in 0..3"):
         tree.weights_at(level)
-    with pytest.raises(ValueError, match=f"level: {level} must be in 0..3"):
+    with pytest.raises(ValueError, match=f"level: {level} must be a whole number in 0..3"):
         tree.labels_at(level)
 
 
@@ -460,6 +460,7 @@ def small():
     [
         ("levels", 0),
         ("levels", 17),
+        ("levels", 2.5),
         ("epsilon", 0.0),
         ("epsilon", -1.0),
         ("epsilon", math.nan),

@@ -180,8 +180,9 @@ def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None)
             )
         return parts.tolist()  # type: ignore[no-any-return]
     levels = 1 if levels is None else levels
-    if not 1 <= levels <= MAX_LEVELS:
-        raise ValueError(f"levels: {levels} must be in 1..{MAX_LEVELS}")
+    if levels not in range(1, MAX_LEVELS + 1):
+        raise ValueError(f"levels: {levels!r} must be a whole number in 1..{MAX_LEVELS}")
+    levels = int(levels)
     if 2**levels > surface.n_faces:
         raise ValueError(f"levels: {levels} asks for more segments than {surface.n_faces} faces")
     return [1.0] * 2**levels

@@ -233,8 +233,8 @@ class SegmentTree:
         return self._leaves.length
 
     def _front(self, level: int) -> list[int]:
-        if not 0 <= level <= self.levels:
-            raise ValueError(f"level: {level} must be in 0..{self.levels}")
+        if level not in range(self.levels + 1):
+            raise ValueError(f"level: {level!r} must be a whole number in 0..{self.levels}")
         return front(self.nodes, level)
 
     def save(self, path: str | PathLike[str]) -> None:
