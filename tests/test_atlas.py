@@ -572,6 +572,26 @@ def test_a_tetrahedron_is_one_chart():
     assert len(chart.uv) > 4
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("labels", [0, 0, 1, 0], r"labels\[2\]: 1 must be in 0\.\.0"),
+        ("labels", [0.0] * 4, "labels: dtype float64 must be an integer type"),
+        ("labels", [0] * 3, "labels: shape"),
+        ("weights", [[1, 1, 1, np.nan]], r"weights\[0, 3\]: nan must be in \[0, 1\]"),
+        ("weights", [[1, -0.5, 1, 1]], r"weights\[0, 1\]: -0\.5 must be in \[0, 1\]"),
+        ("weights", [[1, 1, 1]], "weights: shape"),
+    ],
+)
+def test_labels_and_weights_that_make_no_segmentation_are_named(name, value, message):
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    surface = pa.Surface(points, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    arguments = {"labels": [0, 0, 0, 0], "weights": [[1, 1, 1, 1]]}
+    assert pa.Segmentation(surface, **arguments).areas.shape == (1,)
+    with pytest.raises(ValueError, match=f"^{message}"):
+        pa.Segmentation(surface, **arguments | {name: value})
+
+
 def test_faces_whose_weights_fall_below_the_threshold_are_in_their_charts():
     # Even weights are above no threshold that a domain may have.
     surface = pa.datasets.icosphere(2)

@@ -30,7 +30,8 @@ class Segmentation:
     Raises
     ------
     ValueError
-        For arrays of other shapes, or a label outside 0..k-1.
+        For arrays of other shapes, labels that are no integers in 0..k-1, or a weight outside
+        [0, 1].
     """
 
     surface: Surface
@@ -43,12 +44,22 @@ class Segmentation:
             raise ValueError(f"labels: shape {np.shape(self.labels)}, expected ({m},)")
         if np.ndim(self.weights) != 2 or np.shape(self.weights)[1] != n:
             raise ValueError(f"weights: shape {np.shape(self.weights)}, expected (k, {n})")
+        labels, weights = np.asarray(self.labels), np.asarray(self.weights, dtype=np.float64)
+        if not np.issubdtype(labels.dtype, np.integer):
+            raise ValueError(f"labels: dtype {labels.dtype} must be an integer type")
+        object.__setattr__(self, "labels", labels.astype(np.int64, copy=False))
+        object.__setattr__(self, "weights", weights)
         outside = (self.labels < 0) | (self.labels >= self.n_segments)
         if outside.any():
             face = int(np.argmax(outside))
             raise ValueError(
                 f"labels[{face}]: {self.labels[face]} must be in 0..{self.n_segments - 1}"
             )
+        # Written so that NaN is outside.
+        outside = ~((weights >= 0) & (weights <= 1))
+        if outside.any():
+            k, vertex = np.argwhere(outside)[0]
+            raise ValueError(f"weights[{k}, {vertex}]: {weights[k, vertex]} must be in [0, 1]")
 
     @property
     def n_segments(self) -> int:
