@@ -175,19 +175,21 @@ def test_layout_is_the_same_for_any_number_of_threads(sheet):
 def test_wrong_input_is_named(sheet):
     surface, _, charts = sheet
     first = charts[1].faces[0]
-    with pytest.raises(ValueError, match=f"face {first} is labelled by 0 charts"):
+    with pytest.raises(ValueError, match=f"charts: face {first} must be labelled by one, not by 0"):
         pack((charts[0], *charts[2:]), surface.n_faces)
-    with pytest.raises(ValueError, match="labelled by 2 charts"):
+    with pytest.raises(ValueError, match="must be labelled by one, not by 2"):
         pack((*charts, charts[2]), surface.n_faces)
-    with pytest.raises(ValueError, match="charts name face"):
+    with pytest.raises(ValueError, match=r"charts: face \d+ must be in 0\.\.9"):
         pack(charts, 10)
-    with pytest.raises(ValueError, match="charts is empty"):
+    with pytest.raises(ValueError, match="charts: must not be empty"):
         pack((), 0)
     flat = dataclasses.replace(charts[2], uv=0.0 * charts[2].uv)
-    with pytest.raises(ValueError, match=r"charts\[2\]\.uv has a piece without area"):
+    with pytest.raises(
+        ValueError, match=r"charts\[2\]\.uv: the piece at face \d+ must have an area"
+    ):
         pack((*charts[:2], flat, *charts[3:]), surface.n_faces)
     broken = dataclasses.replace(charts[2], uv=np.nan * charts[2].uv)
-    with pytest.raises(ValueError, match=r"charts\[2\]\.uv\[\d+\] is not finite"):
+    with pytest.raises(ValueError, match=r"charts\[2\]\.uv\[\d+\]: .* must be finite numbers"):
         pack((*charts[:2], broken, *charts[3:]), surface.n_faces)
     with pytest.raises(ValueError, match="padding"):
         pack(charts, surface.n_faces, padding=-1)

@@ -58,9 +58,9 @@ def checker(
         If `squares` is odd or less than 2, or `size` is less than `squares`.
     """
     if squares < 2 or squares % 2:
-        raise ValueError(f"squares must be even and at least 2, got {squares}")
+        raise ValueError(f"squares: {squares} must be even and at least 2")
     if size < squares:
-        raise ValueError(f"size must be at least squares = {squares}, got {size}")
+        raise ValueError(f"size: {size} must be at least squares, {squares}")
     index = np.arange(size) * squares // size
     odd = (index[::-1, None] + index[None, :]) % 2
     board: Bytes = np.array([light, dark], dtype=np.uint8)[odd]
@@ -123,9 +123,9 @@ def sample(texture: Texture, uv: Floats) -> Floats:
     if callable(texture):
         values = np.asarray(texture(uv), dtype=np.float64)
         if values.ndim != 2 or len(values) != len(uv):
-            raise ValueError(f"texture must return shape ({len(uv)}, c), got {values.shape}")
+            raise ValueError(f"texture: returned shape {values.shape} must be ({len(uv)}, c)")
         if not np.isfinite(values).all():
-            raise ValueError("texture must return finite values, got NaN or infinity")
+            raise ValueError("texture: returned values must be finite numbers")
         return values
     return _core.sample(_image(texture), np.ascontiguousarray(uv))
 
@@ -168,7 +168,7 @@ def blend_vertices(atlas: Layout, texture: Texture, *, scale: float = 4.0) -> Fl
         np.add.at(blend, chart.vertices, values)
         np.add.at(total, chart.vertices, weights)
     if blend is None:
-        raise ValueError("atlas.charts is empty")
+        raise ValueError("atlas.charts: must not be empty")
     if not (total > 0.0).all():
         vertex = int(np.flatnonzero(~(total > 0.0))[0])
         raise ValueError(f"the weights of all charts at vertex {vertex} add up to {total[vertex]}")
@@ -227,9 +227,9 @@ def bake(
     """
     check_resolution(resolution)
     if padding is not None and padding < 0:
-        raise ValueError(f"padding must not be negative, got {padding}")
+        raise ValueError(f"padding: {padding} must be at least 0")
     if len(background) != 3 or not all(0 <= channel <= 255 for channel in background):
-        raise ValueError(f"background must be three bytes, got {background}")
+        raise ValueError(f"background: {background} must be three bytes")
     image = None if callable(texture) else _image(texture)
     if image is not None:
         _check_channels(image.shape[2])
@@ -266,7 +266,7 @@ def check_resolution(resolution: int) -> None:
         If baking and writing the image would take more memory than there is.
     """
     if not 1 <= resolution <= _core.MAX_RESOLUTION:
-        raise ValueError(f"resolution must be in 1..{_core.MAX_RESOLUTION}, got {resolution}")
+        raise ValueError(f"resolution: {resolution} must be in 1..{_core.MAX_RESOLUTION}")
     needed = _WORKING_BYTES + resolution**2 * _BYTES_PER_TEXEL
     if needed > _core.available_memory() or not _can_allocate(needed):
         raise MemoryError(
@@ -290,7 +290,7 @@ def _concatenated(atlas: Layout, blend: bool) -> tuple[Ints, Ints, Floats, Float
     """
     charts = atlas.charts
     if not charts:
-        raise ValueError("atlas.charts is empty")
+        raise ValueError("atlas.charts: must not be empty")
     kept = [slice(None) if blend else chart.labelled for chart in charts]
     first = np.cumsum([0, *(len(chart.vertices) for chart in charts)])
     pairs = list(zip(charts, kept, strict=True))
@@ -305,26 +305,26 @@ def _concatenated(atlas: Layout, blend: bool) -> tuple[Ints, Ints, Floats, Float
 
 def _check_channels(count: int) -> None:
     if count not in (1, 3):
-        raise ValueError(f"texture must have 1 or 3 channels, got {count}")
+        raise ValueError(f"texture: {count} channels must be 1 or 3")
 
 
 def _tiles_per_unit(atlas: Layout, scale: float) -> float:
     if not (np.isfinite(scale) and scale > 0.0):
-        raise ValueError(f"scale must be positive, got {scale}")
+        raise ValueError(f"scale: {scale} must be a positive number")
     return float(scale / np.sqrt(atlas.surface.area))
 
 
 def _image(texture: NDArray[Any]) -> Bytes | Floats:
     texture = np.asarray(texture)
     if texture.ndim != 3 or 0 in texture.shape:
-        raise ValueError(f"texture must have shape (H, W, c), got {texture.shape}")
+        raise ValueError(f"texture: shape {texture.shape} must be (H, W, c)")
     if texture.dtype == np.uint8:
         return np.ascontiguousarray(texture)
     if texture.dtype == np.uint16:
         return np.ascontiguousarray(texture / float(_MOST_16_BIT))
     if not np.issubdtype(texture.dtype, np.floating):
         raise ValueError(
-            f"texture: dtype {texture.dtype}, expected uint8, uint16 or floats in [0, 1]"
+            f"texture: dtype {texture.dtype} must be uint8, uint16 or floats in [0, 1]"
         )
     if not ((texture >= 0) & (texture <= 1)).all():
         raise ValueError("texture: floats must be in [0, 1]")

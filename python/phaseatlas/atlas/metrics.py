@@ -282,11 +282,11 @@ def checked_uv(surface: Surface, uv: Floats) -> Floats:
     """Texture coordinates as float64; ValueError for another shape or what is not finite."""
     uv = np.asarray(uv, dtype=np.float64)
     if uv.shape != (surface.n_faces, 3, 2):
-        raise ValueError(f"uv must have shape {(surface.n_faces, 3, 2)}, got {uv.shape}")
+        raise ValueError(f"uv: shape {uv.shape} must be {(surface.n_faces, 3, 2)}")
     finite = np.isfinite(uv).all(axis=2)
     if not finite.all():
         face, corner = (int(k) for k in np.argwhere(~finite)[0])
-        raise ValueError(f"uv[{face}, {corner}] is not finite: {uv[face, corner]}")
+        raise ValueError(f"uv[{face}, {corner}]: {uv[face, corner]} must be finite numbers")
     return uv
 
 
@@ -332,7 +332,7 @@ def _singular_values(surface: Surface, uv: Floats) -> tuple[Floats, Floats, Floa
     signed = flat_areas(uv, signed=True)
     total = float(np.abs(signed).sum())
     if not total > 0.0:
-        raise ValueError("uv has no area")
+        raise ValueError("uv: area must be positive")
     scale = np.sqrt(surface.face_areas.sum() / total)
     du = scale * a / length[:, None]
     dv = (scale * b - x2[:, None] * du) / y2[:, None]

@@ -108,22 +108,24 @@ def pack(
 def check_packing(padding: int, resolution: int) -> None:
     """Raise ValueError where `pack` would refuse its options."""
     if resolution < 1:
-        raise ValueError(f"resolution must be at least 1, got {resolution}")
+        raise ValueError(f"resolution: {resolution} must be at least 1")
     if not 0 <= padding <= resolution // 8:
-        raise ValueError(f"padding must lie in 0..resolution / 8, got {padding} at {resolution}")
+        raise ValueError(
+            f"padding: {padding} must be in 0..{resolution // 8}, an eighth of the resolution"
+        )
 
 
 def _check_cover(charts: Sequence[Chart], n_faces: int) -> None:
     if not charts:
-        raise ValueError("charts is empty")
+        raise ValueError("charts: must not be empty")
     labelled = np.concatenate([chart.faces[chart.labelled] for chart in charts])
     if labelled.size and not 0 <= labelled.min() <= labelled.max() < n_faces:
         wrong = int(labelled.max() if labelled.max() >= n_faces else labelled.min())
-        raise ValueError(f"charts name face {wrong}, but there are {n_faces} faces")
+        raise ValueError(f"charts: face {wrong} must be in 0..{n_faces - 1}")
     times = np.bincount(labelled, minlength=n_faces)
     if (times != 1).any():
         face = int(np.flatnonzero(times != 1)[0])
-        raise ValueError(f"face {face} is labelled by {times[face]} charts, expected 1")
+        raise ValueError(f"charts: face {face} must be labelled by one, not by {times[face]}")
 
 
 def _islands(index: int, chart: Chart) -> list[_Island]:
@@ -132,7 +134,7 @@ def _islands(index: int, chart: Chart) -> list[_Island]:
     corners = chart.uv[triangles]
     if not np.isfinite(corners).all():
         vertex = int(triangles.ravel()[np.flatnonzero(~np.isfinite(corners).all(axis=2))[0]])
-        raise ValueError(f"charts[{index}].uv[{vertex}] is not finite: {chart.uv[vertex]}")
+        raise ValueError(f"charts[{index}].uv[{vertex}]: {chart.uv[vertex]} must be finite numbers")
     count, piece = _edge_components(triangles)
     islands = []
     for k in range(count):
@@ -140,7 +142,7 @@ def _islands(index: int, chart: Chart) -> list[_Island]:
         areas = flat_areas(corners[member])
         if not areas.sum() > 0.0:
             face = int(faces[member][0])
-            raise ValueError(f"charts[{index}].uv has a piece without area, at face {face}")
+            raise ValueError(f"charts[{index}].uv: the piece at face {face} must have an area")
         islands.append(_Island(faces[member], _upright(corners[member])))
     return islands
 

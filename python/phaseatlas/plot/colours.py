@@ -47,14 +47,14 @@ def scalar_colors(
     """
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 1:
-        raise ValueError(f"values must be (k,), got {values.shape}")
+        raise ValueError(f"values: shape {values.shape} must be (k,)")
     if not np.isfinite(values).all():
         index = int(np.argmin(np.isfinite(values)))
-        raise ValueError(f"values[{index}] is not finite: {values[index]}")
+        raise ValueError(f"values[{index}]: {values[index]} must be a finite number")
     if not low < high:
-        raise ValueError(f"low must be below high, got {low} and {high}")
+        raise ValueError(f"low: {low} must be below high, {high}")
     if colormap not in matplotlib.colormaps:
-        raise ValueError(f"colormap must be one of matplotlib's, got {colormap!r}")
+        raise ValueError(f"colormap: {colormap!r} must be one of matplotlib's")
     colours: Floats = matplotlib.colormaps[colormap]((values - low) / (high - low))[:, :3]
     return colours
 
@@ -85,7 +85,7 @@ def segment_colors(surface: Surface, labels: Ints, count: int | None = None) -> 
     check_labels(labels)
     count = int(labels.max()) + 1 if count is None else count
     if labels.max() >= count:
-        raise ValueError(f"labels must be below count = {count}, got {labels.max()}")
+        raise ValueError(f"labels: {labels.max()} must be below count, {count}")
     colours = palette(count)
     neighbours = _neighbours(surface, labels, count)
     lab = _oklab(colours)
@@ -120,7 +120,7 @@ def palette(count: int) -> Floats:
         If `count` is less than 1.
     """
     if count < 1:
-        raise ValueError(f"count must be at least 1, got {count}")
+        raise ValueError(f"count: {count} must be at least 1")
     bytes_ = [bytes.fromhex(code) for code in _FIRST_COLOURS]
     first = np.array([list(code) for code in bytes_]) / 255.0
     if count <= len(first):
@@ -163,7 +163,7 @@ def check_labels(labels: NDArray[Any]) -> None:
     """Raise ValueError for a negative label."""
     if labels.size and labels.min() < 0:
         face = int(np.argmin(labels))
-        raise ValueError(f"labels[{face}] is negative: {labels[face]}")
+        raise ValueError(f"labels[{face}]: {labels[face]} must be at least 0")
 
 
 def _neighbours(surface: Surface, labels: Ints, count: int) -> Bools:

@@ -137,7 +137,7 @@ def uv_layout(
         If an option is out of range.
     """
     if not 0.0 <= tint <= 1.0:
-        raise ValueError(f"tint must lie in [0, 1], got {tint}")
+        raise ValueError(f"tint: {tint} must be in [0, 1]")
     check_size(size)
     surface = atlas.surface
     labels = np.empty(surface.n_faces, dtype=np.int64)
@@ -200,6 +200,6 @@ def _panels(images: Sequence[Floats], title: str | None) -> Figure:
 def _write(figure: Figure, path: str | PathLike[str]) -> None:
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in figure.canvas.get_supported_filetypes():
-        raise ValueError(f"path must end in a known image suffix, got {str(path)!r}")
+        raise ValueError(f"path: {path} must end in a known image suffix")
     with write_whole(path) as temporary:
         figure.savefig(temporary, format=suffix)

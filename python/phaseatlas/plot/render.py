@@ -78,8 +78,8 @@ def render(
         corner_colours = np.repeat(values[:, None], 3, axis=1)
     else:
         raise ValueError(
-            f"values must be (m,) integers, (k, n), (n, 3) or (m, 3) with m = {surface.n_faces}, "
-            f"n = {surface.n_vertices}, got {values.dtype} {values.shape}"
+            f"values: {values.dtype} of shape {values.shape} must be integers (m,), or (k, n), "
+            f"(n, 3) or (m, 3) with m = {surface.n_faces}, n = {surface.n_vertices}"
         )
     return render_views(surface, linear(corner_colours), views, size, direction)
 
@@ -133,7 +133,7 @@ def render_views(
 ) -> list[Floats]:
     """Views of the surface on white, (size, w, 3) each, all at one scale."""
     if views not in (1, 2):
-        raise ValueError(f"views must be 1 or 2, got {views}")
+        raise ValueError(f"views: {views} must be 1 or 2")
     check_size(size)
     centred = surface.vertices - 0.5 * (surface.vertices.max(axis=0) + surface.vertices.min(axis=0))
     first = _camera(surface, direction)
@@ -161,7 +161,7 @@ def _camera(surface: Surface, direction: Sequence[float] | None) -> Floats:
     if direction is not None:
         towards = np.asarray(direction, dtype=np.float64)
         if towards.shape != (3,) or not np.isfinite(towards).all() or not towards.any():
-            raise ValueError(f"direction must be a vector (3,) other than zero, got {direction}")
+            raise ValueError(f"direction: {direction} must be a vector (3,) other than zero")
         return _frame(towards)
     centred = surface.vertices - np.average(surface.vertices, axis=0, weights=surface.mass)
     extent = np.ptp(centred, axis=0)
@@ -291,4 +291,4 @@ def draw_layout(uv: Floats, colour: Colour, size: int) -> Floats:
 
 def check_size(size: int) -> None:
     if size < 16:
-        raise ValueError(f"size must be at least 16 pixels, got {size}")
+        raise ValueError(f"size: {size} must be at least 16 pixels")
