@@ -303,6 +303,15 @@ def test_a_reader_that_leaves_is_no_failure(model):
     assert (model.parent / "a.npz").exists()
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no full device")
+def test_a_full_disk_is_one_line(model):
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "phaseatlas", "info", str(model)]
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    message = "phaseatlas: no space left on device\n"
+    assert (result.returncode, result.stderr) == (1, message)
+
+
 def test_no_window_system_plays_a_part(tmp_path):
     environment = {**os.environ, "MPLBACKEND": "nonsense"}
     result = run("demo", tmp_path / "out", "--levels", 1, env=environment)

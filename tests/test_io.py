@@ -190,6 +190,13 @@ def test_missing_file(tmp_path):
     assert refusal(tmp_path / "missing.obj", FileNotFoundError) == "no such file"
 
 
+def test_a_missing_folder_is_told_by_the_name_that_was_given(tmp_path):
+    path = tmp_path / "missing" / "model.ply"
+    with pytest.raises(FileNotFoundError) as caught:
+        pa.save_mesh(pa.datasets.icosphere(1), path)
+    assert caught.value.filename == str(path)
+
+
 def test_directory(tmp_path):
     folder = tmp_path / "folder.obj"
     folder.mkdir()

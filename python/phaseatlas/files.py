@@ -30,7 +30,12 @@ def write_files(contents: Mapping[Path, bytes]) -> None:
 def write_whole(path: str | PathLike[str]) -> Iterator[Path]:
     """Give a temporary file beside `path` that takes its place when the block succeeds."""
     path = Path(path)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        # The user knows nothing of the temporary file.
+        error.filename = str(path)
+        raise
     os.close(descriptor)
     temporary = Path(name)
     try:

@@ -40,10 +40,11 @@ def run() -> int:
         complain(str(error))
         return USAGE
     except OSError as error:
-        if error.filename is None or error.strerror is None:
+        if error.strerror is None:
             complain(str(error))
         else:
-            complain(f"{error.filename}: {error.strerror.lower()}")
+            reason = error.strerror.lower()
+            complain(reason if error.filename is None else f"{error.filename}: {reason}")
         return FAILED
     except (ValueError, RuntimeError, ImportError, MemoryError) as error:
         complain(str(error) or type(error).__name__)
