@@ -20,7 +20,7 @@ from .transfer import Transfer
 
 __all__ = ["coarsen"]
 
-# Part of the faces to keep, and whether to leave the border alone: what is tried until it gives a
+# Part of the faces to keep, and whether to leave the boundary alone: what is tried until it gives a
 # surface. A quarter makes edges twice as long.
 _ATTEMPTS = ((0.25, False), (0.25, True), (0.35, True))
 # Below so many faces a step saves nothing, nor does one that keeps more than this part of them.

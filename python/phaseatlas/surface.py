@@ -127,7 +127,7 @@ class Surface:
 
     @cached_property
     def angle_defects(self) -> Floats:
-        """Integrated Gauss curvature, (n,): 2 pi - sum of angles, at the border pi - sum."""
+        """Integrated Gauss curvature, (n,): 2 pi - sum of angles, at the boundary pi - sum."""
         return _read_only(self._mesh.angle_defects())
 
     @cached_property
@@ -142,7 +142,7 @@ class Surface:
 
     @cached_property
     def face_neighbours(self) -> Ints:
-        """Face across edge (f[k], f[(k + 1) % 3]), -1 at the border, (m, 3)."""
+        """Face across edge (f[k], f[(k + 1) % 3]), -1 at the boundary, (m, 3)."""
         return _read_only(self._mesh.neighbours())
 
     @cached_property

@@ -204,7 +204,7 @@ def bake(
     scale
         Tiles of the texture per square root of the surface's area.
     padding
-        How far the colours of the charts are carried over their borders, in texels, so that
+        How far the colours of the charts are carried over their boundaries, in texels, so that
         filtering does not pull in the background; ``None`` fills the image. Each texel copies the
         nearest covered one; of several the leftmost, and of these the uppermost.
     blend

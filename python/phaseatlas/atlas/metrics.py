@@ -80,7 +80,7 @@ class UvTopology:
     n_vertices
         Number of vertices of the cut surface.
     open_edges
-        (m, 3) bool, whether edge (k, k + 1 mod 3) of a face lies on the border of its chart.
+        (m, 3) bool, whether edge (k, k + 1 mod 3) of a face lies on the boundary of its chart.
     seams
         (m, 3) bool, those open edges that have a face on their other side.
     """
@@ -116,8 +116,8 @@ def atlas_metrics(surface: Surface, uv: Floats, *, resolution: int = 2048) -> di
         ``seam``: length of the edges with a face on either side that carry two UVs, over the square
         root of the area of the surface.
         ``yamabe``: sum A u^2 / sum A with u the logarithmic scale factor of the flat conformal
-        metric that keeps lengths on the border of each chart (see `yamabe_factors`); rates the
-        shapes of the charts alone; nan if a chart has no border.
+        metric that keeps lengths on the boundary of each chart (see `yamabe_factors`); rates the
+        shapes of the charts alone; nan if a chart has no boundary.
         ``qc``: mean of s1 / s2, weighted by A; 1 is conformal.
         ``hencky``: variance of log(s1 s2) / 2 over the surface; 0 keeps relative areas.
         ``l2``: sqrt(sum A (1 / s1^2 + 1 / s2^2) / 2 / sum A) (Sander et al. 2001); 1 is isometric.
@@ -188,7 +188,7 @@ def uv_topology(surface: Surface, uv: Floats) -> UvTopology:
     Returns
     -------
     UvTopology
-        Charts, split vertices and border edges.
+        Charts, split vertices and boundary edges.
     """
     m = surface.n_faces
     start, end = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()
@@ -223,11 +223,11 @@ def uv_topology(surface: Surface, uv: Floats) -> UvTopology:
 
 
 def yamabe_factors(surface: Surface, topology: UvTopology) -> Floats:
-    """Logarithmic scale factors that flatten every chart and keep lengths on its border.
+    """Logarithmic scale factors that flatten every chart and keep lengths on its boundary.
 
-    Solves div grad u = K on each chart, u = 0 on its border, with the cotangent Laplacian and angle
-    defects (Springborn, Schroeder and Pinkall 2008, linearised). Negative where a chart shrinks, as
-    the inside of a spherical cap does.
+    They solve div grad u = K on each chart, u = 0 on its boundary, with the cotangent Laplacian and
+    angle defects (Springborn, Schroeder and Pinkall 2008, linearised). They are negative where a
+    chart shrinks, as the inside of a spherical cap does.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def yamabe_factors(surface: Surface, topology: UvTopology) -> Floats:
     Returns
     -------
     (p,) float64 array
-        One value per vertex of the cut surface; nan on charts without a border.
+        One value per vertex of the cut surface; nan on charts without a boundary.
     """
     n = topology.n_vertices
     cotangents, angles = _corner_angles(surface)
@@ -254,17 +254,17 @@ def yamabe_factors(surface: Surface, topology: UvTopology) -> Floats:
     total = np.bincount(topology.corner.ravel(), weights=angles.ravel(), minlength=n)
     defect = 2.0 * np.pi - total.astype(np.float64)
 
-    border = np.zeros(n, dtype=bool)
-    border[topology.corner[topology.open_edges]] = True
-    border[np.roll(topology.corner, -1, axis=1)[topology.open_edges]] = True
-    has_border = np.zeros(topology.n_charts, dtype=bool)
-    has_border[topology.chart[topology.open_edges.any(axis=1)]] = True
+    on_boundary = np.zeros(n, dtype=bool)
+    on_boundary[topology.corner[topology.open_edges]] = True
+    on_boundary[np.roll(topology.corner, -1, axis=1)[topology.open_edges]] = True
+    has_boundary = np.zeros(topology.n_charts, dtype=bool)
+    has_boundary[topology.chart[topology.open_edges.any(axis=1)]] = True
     closed = np.zeros(n, dtype=bool)
-    closed[topology.corner[~has_border[topology.chart]]] = True
+    closed[topology.corner[~has_boundary[topology.chart]]] = True
 
     factors = np.zeros(n)
     factors[closed] = np.nan
-    free = np.flatnonzero(~border & ~closed)
+    free = np.flatnonzero(~on_boundary & ~closed)
     if free.size:
         factors[free] = _solve(stiffness[free][:, free], -defect[free])
     return factors

@@ -58,7 +58,7 @@ def pack(
         Number m of faces of the surface.
     padding
         Least distance between charts, in texels of a square texture of side ``resolution``; half
-        of it is kept free along the border.
+        of it is kept free along the boundary.
     resolution
         Side of the texture that the layout is meant for, in texels.
 

@@ -158,7 +158,7 @@ def uv_layout(
 
 
 def _outline(figure: Figure, surface: Surface, uv: Floats, size: int) -> None:
-    """Draw the borders of the charts over the first panel."""
+    """Draw the boundaries of the charts over the first panel."""
     open_edges = uv_topology(surface, uv).open_edges
     lines = np.stack([uv, np.roll(uv, -1, axis=1)], axis=2)[open_edges]
     axes = figure.axes[0]
