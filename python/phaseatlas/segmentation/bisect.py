@@ -21,7 +21,7 @@ from .node import (
     confine,
 )
 from .options import Options, Widths
-from .stages import REPAIR_ROUNDS, Spent, State, perimeter, plan, repaired, resolve, run
+from .stages import REPAIR_ROUNDS, Spent, Stage, State, perimeter, plan, repaired, resolve, run
 from .starts import first_state
 
 __all__ = ["bisect", "split"]
@@ -91,7 +91,7 @@ def _attempt(node: Node, options: Options, widths: Widths, report: Report | None
     state = first_state(grids, stages, Spent(seconds=timers.seconds), report)
     for stage in stages[state.done :]:
         state = run(grids, stage, state, report)
-    state, segments = _sharpen(grids, state, report)
+    state, segments = _sharpen(grids, stages[-1], state, report)
     return Split(state.point.u, segments.positive, _diagnostics(grids, state, segments))
 
 
@@ -99,8 +99,8 @@ def _attempt(node: Node, options: Options, widths: Widths, report: Report | None
 class _Segments:
     """The sharp segments of a node and how they came.
 
-    `positive` are the faces of the positive one; `components` are those before the `islands` were
-    relabelled.
+    `positive` are the faces of the positive one, and `components` were counted before any repair;
+    `islands` are the faces that were relabelled after it.
     """
 
     positive: Bools
@@ -109,18 +109,18 @@ class _Segments:
     islands: Bools
 
 
-def _sharpen(grids: Grids, state: State, report: Report | None) -> tuple[State, _Segments]:
-    """Cut a field at its threshold; large islands are turned over, small ones relabelled."""
+def _sharpen(
+    grids: Grids, final: Stage, state: State, report: Report | None
+) -> tuple[State, _Segments]:
+    """Cut a field at its threshold; large islands are turned over, small ones relabelled.
+
+    After islands were turned over, the final stage is solved again.
+    """
     node, grid = grids.node, grids.grids[0]
-    final = plan(grids)[-1]
     positive, threshold = sharp.cut(grid, state.point.u, node.share, grids.options)
     found = sharp.count_components(grid, positive)
     if min(found) == 0:
-        violation = 0.0 if state.solution is None else state.solution.violation
-        raise CollapsedError(
-            f"{node.name}: the {'positive' if found[0] == 0 else 'negative'} phase is empty; the "
-            f"area is off by {100 * violation:.2g} % of its target; {_FINER}"
-        )
+        raise CollapsedError(_collapsed(grids, state, "positive" if found[0] == 0 else "negative"))
     if not grids.options.connected:
         return state, _Segments(positive, threshold, found, np.zeros_like(positive))
     for _ in range(REPAIR_ROUNDS):
@@ -143,6 +143,16 @@ def _sharpen(grids: Grids, state: State, report: Report | None) -> tuple[State, 
             f"{_FINER}"
         )
     return state, _Segments(positive, threshold, found, islands)
+
+
+def _collapsed(grids: Grids, state: State, phase: str) -> str:
+    """What is said of a phase that has no face."""
+    empty = f"{grids.node.name}: the {phase} phase is empty"
+    if grids.options.area == "none":
+        return f'{empty}, for its area is free; area="lagrangian" holds it'
+    assert state.solution is not None, "the last stage has been solved"
+    missed = 100 * abs(state.solution.violation)
+    return f"{empty}; the diffuse area is off by {missed:.2g} % of its target; {_FINER}"
 
 
 def _diagnostics(grids: Grids, state: State, segments: _Segments) -> Diagnostics:
