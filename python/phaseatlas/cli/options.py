@@ -66,7 +66,7 @@ Solver = Annotated[Literal["lbfgs", "ipopt"], typer.Option(help="Optimiser.")]
 Initial = Annotated[
     Literal["auto", "random", "normals"],
     typer.Option(
-        help="Start: random values, two clusters of normals, or, with distortion, the best of some."
+        help="Start: the best of several, one of random values, or two clusters of normals."
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the random start.")]
@@ -74,7 +74,7 @@ Seed = Annotated[int, typer.Option(help="Seed of the random start.")]
 # Of the atlas.
 Flatten = Annotated[
     Literal["bff", "lscm"],
-    typer.Option(help="Chart map: least-squares conformal, or boundary-first."),
+    typer.Option(help="Chart map: boundary-first, or least-squares conformal."),
 ]
 Texture = Annotated[
     Path | None,
