@@ -724,6 +724,7 @@ def test_trees_with_shares_are_saved(star, tmp_path):
         ([1.0, 0.0], r"shares\[1\]: 0.0 must be a positive number"),
         ([1.0, np.nan], r"shares\[1\]"),
         ([[1.0, 2.0]], "shares: shape"),
+        ([1.0, 1e-9], r"shares\[1\]: 1e-09 must be at least"),
     ],
 )
 def test_bad_shares_are_named(small, shares, message):

@@ -40,7 +40,8 @@ def checked(command: Callable[P, None]) -> Callable[P, int]:
     callable
         Of the same signature.
     """
-    options = inspect.signature(command).parameters
+    # A message about a file starts with its name, which may be that of the argument.
+    options = set(inspect.signature(command).parameters) - {"mesh", "texture"}
 
     @functools.wraps(command)
     def run_checked(*args: P.args, **kwargs: P.kwargs) -> int:

@@ -137,6 +137,9 @@ def _sharpen(
         )
     positive = positive ^ islands
     components = sharp.count_components(grid, positive)
+    if min(components) == 0:
+        empty = "positive" if components[0] == 0 else "negative"
+        raise CollapsedError(_collapsed(grids, state, empty))
     if components != (1, 1):
         raise DisconnectedError(
             f"{node.name}: the two segments have {components[0]} and {components[1]} components; "

@@ -174,6 +174,13 @@ def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None)
             raise ValueError(f"shares[{wrong}]: {parts[wrong]} must be a positive number")
         if len(parts) > 2**MAX_LEVELS:
             raise ValueError(f"shares: {len(parts)} of them must be at most {2**MAX_LEVELS}")
+        least = float(surface.face_areas.min() / surface.area)
+        if (parts < least * parts.sum()).any():
+            small = int(np.argmin(parts))
+            raise ValueError(
+                f"shares[{small}]: {parts[small]} must be at least {least:.3g} of their sum, the "
+                "area of a face"
+            )
         if len(parts) > surface.n_faces:
             raise ValueError(
                 f"shares: {len(parts)} asks for more segments than {surface.n_faces} faces"
