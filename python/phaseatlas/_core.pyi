@@ -16,7 +16,6 @@ __all__ = [
     "LimitedMemory",
     "Partition",
     "Perimeter",
-    "Placement",
     "ScaledMap",
     "TriangleMesh",
     "__version__",
@@ -25,6 +24,7 @@ __all__ = [
     "cut_chart",
     "label_components",
     "lscm",
+    "most_padding",
     "pack",
     "parse_obj",
     "rasterize",
@@ -164,17 +164,13 @@ class ScaledMap:
 def cut_chart(mesh: TriangleMesh, faces: NDArray[np.int64]) -> CutChart: ...
 def lscm(mesh: TriangleMesh) -> NDArray[np.float64]: ...
 def bff(mesh: TriangleMesh) -> ScaledMap: ...
-
-@final
-class Placement:
-    @property
-    def low(self) -> NDArray[np.int64]: ...
-    @property
-    def turns(self) -> NDArray[np.int64]: ...
-
+def most_padding(count: int) -> float: ...
 def pack(
-    triangles: NDArray[np.float64], starts: NDArray[np.int64], gap: float, trials: int
-) -> Placement: ...
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    piece: NDArray[np.int64],
+    padding: float,
+) -> NDArray[np.float64]: ...
 def rasterize(
     uv: NDArray[np.float64], resolution: int
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]: ...

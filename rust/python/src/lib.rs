@@ -63,7 +63,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(flatten::cut_chart, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::bff, module)?)?;
-    module.add_class::<packing::Placement>()?;
+    module.add_function(wrap_pyfunction!(packing::most_padding, module)?)?;
     module.add_function(wrap_pyfunction!(packing::pack, module)?)?;
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
     module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;

@@ -1,0 +1,368 @@
+//! The search for a small square.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use super::mask::Mask;
+use super::piece::{Piece, turn};
+use super::sheet::{Rule, Sheet, Spot};
+use crate::error::{Error, Result};
+
+/// Cells along the side of the square: finer is denser, at a cost that grows with the cube.
+const CELLS: usize = 512;
+/// Cells along the side for each piece along it: fewer leave no room for pieces of one cell.
+const CELLS_PER_PIECE: f64 = 8.0;
+/// Factor between two scales that are tried.
+const COARSE_STEP: f64 = 0.85;
+/// Halvings of the last step between two scales.
+const HALVINGS: usize = 2;
+/// Orders of the pieces that change side by side; each round takes the best of them.
+const WALKERS: usize = 8;
+/// Words that all walkers may read, about a second of one core.
+const WORK: u64 = 200_000_000;
+/// Part of the side that a plan which did well must do without next.
+const STEP: usize = 100;
+/// Angles between two quarter turns, and the most pieces for which so many are tried.
+const ANGLES: [(usize, usize); 3] = [(32, 4), (128, 2), (usize::MAX, 1)];
+
+/// Where a piece lies: which of its masks, and where the low corner of that is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    cosine: f64,
+    sine: f64,
+    shift: [f64; 2],
+}
+
+/// Places of all pieces and the square that holds them.
+#[derive(Debug)]
+pub(super) struct Layout {
+    pub(super) places: Vec<Place>,
+    scale: f64,
+    side: f64,
+    gap: f64,
+}
+
+impl Layout {
+    /// A point of a piece in the unit square.
+    pub(super) fn unit_square(&self, place: &Place, point: [f64; 2]) -> [f64; 2] {
+        let turned = turn(point, place.cosine, place.sine);
+        [0, 1].map(|k| {
+            let cells = self.scale * turned[k] + place.shift[k];
+            (cells + 0.5 * self.gap) / (self.side + self.gap)
+        })
+    }
+}
+
+/// The densest layout found whose pieces are `padding` of the side apart.
+pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
+    let cells = CELLS.max((CELLS_PER_PIECE * (pieces.len() as f64).sqrt()).ceil() as usize);
+    // The side and the gap together are the square.
+    let gap = padding * cells as f64 / (1.0 - padding);
+    let (scale, first) = largest_scale(pieces, cells, gap).ok_or(Error::Parameter {
+        argument: "padding",
+        value: padding,
+        expected: "less: it leaves no room for the pieces",
+    })?;
+    let angles = ANGLES
+        .into_iter()
+        .find(|&(most, _)| pieces.len() <= most)
+        .map_or(1, |(_, angles)| angles);
+    let stock = Stock::new(pieces, angles, scale, gap);
+    let spots = improve(&stock, pieces, &first);
+    let mut places = Vec::with_capacity(pieces.len());
+    let mut extent = 0.0_f64;
+    for (masks, (turn, spot)) in stock.masks.iter().zip(spots) {
+        let mask = &masks[turn];
+        let at = [spot.x as f64, spot.y as f64];
+        extent = extent.max(mask.high[0] + at[0]).max(mask.high[1] + at[1]);
+        places.push(Place {
+            cosine: mask.cosine,
+            sine: mask.sine,
+            shift: [0, 1].map(|k| mask.shift[k] + at[k]),
+        });
+    }
+    Ok(Layout {
+        places,
+        scale,
+        side: extent,
+        gap: padding * extent / (1.0 - padding),
+    })
+}
+
+/// The masks of all pieces at one scale.
+struct Stock {
+    masks: Vec<Vec<Mask>>,
+    longest: usize,
+    kinds: usize,
+}
+
+impl Stock {
+    fn new(pieces: &[Piece], angles: usize, scale: f64, gap: f64) -> Self {
+        let step = std::f64::consts::FRAC_PI_2 / angles as f64;
+        let mut masks: Vec<Vec<Mask>> = pieces
+            .par_iter()
+            .map(|piece| {
+                (0..4 * angles)
+                    .map(|k| Mask::new(piece, piece.upright + k as f64 * step, scale, gap))
+                    .collect()
+            })
+            .collect();
+        let longest = masks.iter().flatten().map(|mask| mask.width).max();
+        let longest = longest.unwrap_or(1);
+        let mut kinds = HashMap::new();
+        for mask in masks.iter_mut().flatten() {
+            let next = kinds.len();
+            mask.kind = *kinds.entry(mask.touched.clone()).or_insert(next);
+        }
+        Self {
+            masks,
+            longest,
+            kinds: kinds.len(),
+        }
+    }
+}
+
+/// The largest scale at which a bisection lets the pieces into the square, and their spots there.
+fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outcome)> {
+    let plan = Plan {
+        order: by_size(pieces),
+        rule: Rule::Top,
+        turns: vec![u32::MAX; pieces.len()],
+    };
+    let fitted = |scale: f64| {
+        let stock = Stock::new(pieces, 1, scale, gap);
+        let outcome = plan.run(&stock, pieces, cells, 0.0);
+        (outcome.left == 0.0).then_some((scale, outcome))
+    };
+    let area: f64 = pieces.iter().map(|piece| piece.area).sum();
+    let longest = pieces
+        .iter()
+        .map(|piece| piece.sides[0])
+        .fold(0.0, f64::max);
+    let mut high = cells as f64 * (1.0 / area.sqrt()).min(1.0 / longest);
+    let mut best = fitted(high);
+    while best.is_none() {
+        // All pieces are single cells.
+        if high * longest < 0.5 {
+            return None;
+        }
+        let low = COARSE_STEP * high;
+        best = fitted(low);
+        if best.is_none() {
+            high = low;
+        }
+    }
+    for _ in 0..HALVINGS {
+        let low = best.as_ref().map_or(high, |(scale, _)| *scale);
+        let middle = 0.5 * (low + high);
+        match fitted(middle) {
+            Some(better) => best = Some(better),
+            None => high = middle,
+        }
+    }
+    best
+}
+
+/// Pieces by the size of their rectangles, the largest first.
+fn by_size(pieces: &[Piece]) -> Vec<usize> {
+    let size = |piece: &Piece| piece.sides[0] * piece.sides[1];
+    let largest = pieces.iter().map(size).fold(0.0, f64::max);
+    let mut order: Vec<usize> = (0..pieces.len()).collect();
+    // Single precision makes pieces of one size equal, whatever rounding made of them.
+    order.sort_by_key(|&piece| {
+        std::cmp::Reverse(((size(&pieces[piece]) / largest) as f32).to_bits())
+    });
+    order
+}
+
+/// How the pieces are placed, one after the other.
+#[derive(Debug, Clone)]
+struct Plan {
+    order: Vec<usize>,
+    rule: Rule,
+    /// Bits of the masks of each piece that are tried.
+    turns: Vec<u32>,
+}
+
+/// What became of a plan.
+struct Outcome {
+    /// Mask and spot of each piece, where there was one.
+    spots: Vec<Option<(usize, Spot)>>,
+    /// Area of the pieces that found none.
+    left: f64,
+    work: u64,
+}
+
+impl Outcome {
+    /// Side of the square that holds the pieces, if all found a place.
+    fn side(&self) -> Option<usize> {
+        let mut sides = self.spots.iter().map(|spot| spot.map(|(_, spot)| spot.end));
+        sides.try_fold(0, |side, end| Some(side.max(end?)))
+    }
+}
+
+impl Plan {
+    /// Places the pieces in a square; stops where more area than `spare` finds no place.
+    fn run(&self, stock: &Stock, pieces: &[Piece], side: usize, spare: f64) -> Outcome {
+        let mut sheet = Sheet::new(side, stock.longest, stock.kinds);
+        let mut spots = vec![None; pieces.len()];
+        let mut left = 0.0;
+        for &piece in &self.order {
+            let masks = &stock.masks[piece];
+            let mut best: Option<(usize, Spot)> = None;
+            for (turn, mask) in masks.iter().enumerate() {
+                if self.turns[piece] >> turn & 1 == 1 {
+                    let bound = best.map_or(f64::INFINITY, |(_, spot)| spot.rank);
+                    if let Some(spot) = sheet.lowest(mask, self.rule, bound) {
+                        best = Some((turn, spot));
+                    }
+                }
+            }
+            match best {
+                Some((turn, spot)) => sheet.place(&masks[turn], spot),
+                None => left += pieces[piece].area.max(f64::MIN_POSITIVE),
+            }
+            spots[piece] = best;
+            if left > spare {
+                break;
+            }
+        }
+        Outcome {
+            spots,
+            left,
+            work: sheet.work,
+        }
+    }
+
+    /// A plan like this one, in which pieces that found no place come earlier.
+    fn changed(&self, left: &[usize], turns: usize, numbers: &mut Numbers) -> Self {
+        let mut plan = self.clone();
+        let count = plan.order.len();
+        for &piece in left {
+            let Some(at) = plan.order.iter().position(|&other| other == piece) else {
+                continue;
+            };
+            plan.order[numbers.below(at + 1)..=at].rotate_right(1);
+        }
+        for _ in 0..=numbers.below(3) {
+            match numbers.below(8) {
+                0 => plan.rule = Rule::ALL[numbers.below(Rule::ALL.len())],
+                1 | 2 => {
+                    let piece = numbers.below(count);
+                    plan.turns[piece] = match numbers.below(2) {
+                        0 => u32::MAX,
+                        _ => 1 << numbers.below(turns),
+                    };
+                }
+                _ => {
+                    // Earlier pieces matter more.
+                    let from = numbers.below(count);
+                    let to = numbers.below(from + 1);
+                    plan.order[to..=from].rotate_right(1);
+                }
+            }
+        }
+        plan
+    }
+}
+
+/// One plan on its way, and how well it does in the present square.
+struct Walker {
+    plan: Plan,
+    left: Vec<usize>,
+    area: f64,
+    numbers: Numbers,
+}
+
+/// Mask and spot of each piece in the smallest square found, from one that holds all in quarter
+/// turns.
+fn improve(stock: &Stock, pieces: &[Piece], first: &Outcome) -> Vec<(usize, Spot)> {
+    let turns = stock.masks[0].len();
+    let placed = |outcome: &Outcome, angles: usize| -> Vec<(usize, Spot)> {
+        let spots = outcome.spots.iter().flatten();
+        spots.map(|&(turn, spot)| (angles * turn, spot)).collect()
+    };
+    let mut best = placed(first, turns / 4);
+    let Some(mut side) = first.side() else {
+        return best;
+    };
+    let order = by_size(pieces);
+    let mut walkers: Vec<Walker> = (0..WALKERS)
+        .map(|k| Walker {
+            plan: Plan {
+                order: order.clone(),
+                rule: Rule::ALL[k % Rule::ALL.len()],
+                turns: vec![u32::MAX; pieces.len()],
+            },
+            left: Vec::new(),
+            area: f64::INFINITY,
+            numbers: Numbers(k as u64),
+        })
+        .collect();
+    let mut work = 0;
+    // What a round costs is known from the one before it.
+    let mut cost = first.work * (WALKERS * turns / 4) as u64;
+    while work + cost < WORK {
+        let tried: Vec<(Plan, Outcome)> = walkers
+            .par_iter_mut()
+            .map(|walker| {
+                let plan = if work == 0 {
+                    walker.plan.clone()
+                } else {
+                    walker
+                        .plan
+                        .changed(&walker.left, turns, &mut walker.numbers)
+                };
+                let mut outcome = plan.run(stock, pieces, side - 1, walker.area);
+                // The same order may do in a smaller square.
+                while let Some(reached) = outcome.side() {
+                    let smaller = reached - 1 - reached / STEP;
+                    let next = plan.run(stock, pieces, smaller, 0.0);
+                    let work = outcome.work + next.work;
+                    if next.left > 0.0 {
+                        outcome.work = work;
+                        break;
+                    }
+                    outcome = Outcome { work, ..next };
+                }
+                (plan, outcome)
+            })
+            .collect();
+        cost = tried.iter().map(|(_, outcome)| outcome.work).sum();
+        work += cost;
+        let before = side;
+        for (walker, (plan, outcome)) in walkers.iter_mut().zip(tried) {
+            if let Some(reached) = outcome.side().filter(|&reached| reached < side) {
+                side = reached;
+                best = placed(&outcome, 1);
+            }
+            if outcome.left <= walker.area {
+                let missing = |&piece: &usize| outcome.spots[piece].is_none();
+                walker.left = (0..pieces.len()).filter(missing).collect();
+                walker.area = outcome.left;
+                walker.plan = plan;
+            }
+        }
+        if side < before {
+            for walker in &mut walkers {
+                walker.area = f64::INFINITY;
+            }
+        }
+    }
+    best
+}
+
+/// Whole numbers from a fixed stream (SplitMix64).
+#[derive(Debug)]
+struct Numbers(u64);
+
+impl Numbers {
+    fn below(&mut self, count: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % count as u64) as usize
+    }
+}
