@@ -25,6 +25,7 @@ __all__ = [
     "label_components",
     "lscm",
     "most_padding",
+    "nearest",
     "pack",
     "parse_obj",
     "rasterize",
@@ -174,6 +175,9 @@ def pack(
 def rasterize(
     uv: NDArray[np.float64], resolution: int
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]: ...
+def nearest(
+    uv: NDArray[np.float64], heights: NDArray[np.float64], resolution: int
+) -> NDArray[np.int32]: ...
 def parse_obj(
     text: bytes,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]: ...

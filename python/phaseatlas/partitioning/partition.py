@@ -22,7 +22,7 @@ from ..segmentation import Segmentation, StoppedError
 from ..surface import Surface
 from .coarse import labels_from, simplified
 
-__all__ = ["Effort", "Partition", "Phase", "partition"]
+__all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 
 Effort = Literal["fast", "normal", "best"]
 
@@ -180,7 +180,7 @@ def partition(
     QualityWarning
         Where a bound is not met.
     """
-    _check(distortion, max_distortion, max_charts, effort, seed)
+    check_options(distortion, max_distortion, max_charts, effort, seed)
     log = _Log([], perf_counter(), progress)
     surfaces = _simplifications(surface)
     cores = [_core.Partition(each._mesh, distortion) for each in surfaces]
@@ -327,13 +327,14 @@ def _shares(surface: Surface, labels: Ints) -> Floats:
     return shares
 
 
-def _check(
-    distortion: float,
-    max_distortion: float | None,
-    max_charts: int | None,
-    effort: str,
-    seed: int,
+def check_options(
+    distortion: float = 600.0,
+    max_distortion: float | None = None,
+    max_charts: int | None = None,
+    effort: str = "normal",
+    seed: int = 0,
 ) -> None:
+    """Raise ValueError where `partition` would refuse its options."""
     bounds = {"distortion": distortion, "max_distortion": max_distortion}
     for name, value in bounds.items():
         if value is not None and not (np.isfinite(value) and value > 0):

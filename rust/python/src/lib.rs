@@ -66,6 +66,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(packing::most_padding, module)?)?;
     module.add_function(wrap_pyfunction!(packing::pack, module)?)?;
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
+    module.add_function(wrap_pyfunction!(raster::nearest, module)?)?;
     module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;
     module.add_class::<bake::Bake>()?;
     module.add_function(wrap_pyfunction!(bake::sample, module)?)?;
