@@ -39,7 +39,13 @@ MAX_RESOLUTION: int
 @final
 class TriangleMesh:
     def __new__(
-        cls, vertices: NDArray[np.float64], faces: NDArray[np.int64], *, accepted: bool = False
+        cls,
+        vertices: NDArray[np.float64],
+        faces: NDArray[np.int64],
+        *,
+        accepted: bool = False,
+        pieces: bool = False,
+        seam_costs: NDArray[np.float64] | None = None,
     ) -> TriangleMesh: ...
     def areas(self) -> NDArray[np.float64]: ...
     def diameters(self) -> NDArray[np.float64]: ...

@@ -27,6 +27,11 @@ class Surface:
     faces : (m, 3) array_like of int
         Vertex indices of each face, all faces in one orientation.
 
+    Attributes
+    ----------
+    seam_costs : (m, 3) array or None
+        Factor on the length of a seam along each edge, see `with_seam_costs`; None for 1.
+
     Raises
     ------
     ValueError
@@ -38,10 +43,21 @@ class Surface:
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
         self._build(vertices, faces, accepted=False)
 
-    def _build(self, vertices: ArrayLike, faces: ArrayLike, *, accepted: bool) -> None:
+    def _build(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        accepted: bool,
+        pieces: bool = False,
+        seam_costs: Floats | None = None,
+    ) -> None:
         self.vertices: Floats = _matrix("vertices", vertices, np.float64)
         self.faces: Ints = _matrix("faces", faces, np.int64)
-        self._mesh = _core.TriangleMesh(self.vertices, self.faces, accepted=accepted)
+        self.seam_costs = seam_costs
+        self._mesh = _core.TriangleMesh(
+            self.vertices, self.faces, accepted=accepted, pieces=pieces, seam_costs=seam_costs
+        )
         self.vertices.flags.writeable = False
         self.faces.flags.writeable = False
 
@@ -52,7 +68,7 @@ class Surface:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _accepted, (self.vertices, self.faces)
+        return _accepted, (self.vertices, self.faces, self.seam_costs)
 
     @property
     def n_vertices(self) -> int:
@@ -248,7 +264,24 @@ class Surface:
         """
         if not (np.isfinite(factor) and factor > 0):
             raise ValueError(f"factor: {factor} must be a positive number")
-        return _accepted(self.vertices * factor, self.faces)
+        return _accepted(self.vertices * factor, self.faces, self.seam_costs)
+
+    def with_seam_costs(self, seam_costs: ArrayLike) -> Surface:
+        """Return the surface with a factor on the length of a seam along each edge.
+
+        Parameters
+        ----------
+        seam_costs : (m, 3) array_like of float
+            Positive factor of edge (f[k], f[(k + 1) % 3]) of each face f; the larger one of its two
+            faces counts.
+
+        Raises
+        ------
+        ValueError
+            For another shape, or a factor that is not positive.
+        """
+        costs = np.ascontiguousarray(seam_costs, dtype=np.float64)
+        return _accepted(self.vertices, self.faces, costs)
 
     def submesh(self, faces: Ints | Bools) -> tuple[Surface, Ints]:
         """Return some of the faces as a surface, and its vertices as vertices of this one.
@@ -271,7 +304,8 @@ class Surface:
             For faces that form no surface, as where two of them touch at a vertex alone.
         """
         vertices, corners = np.unique(self.faces[faces], return_inverse=True)
-        return _accepted(self.vertices[vertices], corners.reshape(-1, 3)), vertices
+        costs = None if self.seam_costs is None else self.seam_costs[faces]
+        return _accepted(self.vertices[vertices], corners.reshape(-1, 3), costs), vertices
 
     def vector(self, argument: str, values: ArrayLike) -> Floats:
         """Check and convert one finite value a vertex; `argument` names it in the error."""
@@ -304,10 +338,10 @@ class Surface:
         return -sums.astype(np.float64)
 
 
-def _accepted(vertices: Floats, faces: Ints) -> Surface:
+def _accepted(vertices: Floats, faces: Ints, seam_costs: Floats | None = None) -> Surface:
     """Surface of faces that were accepted before, which scaling may have made thinner."""
     surface = Surface.__new__(Surface)
-    surface._build(vertices, faces, accepted=True)
+    surface._build(vertices, faces, accepted=True, seam_costs=seam_costs)
     return surface
 
 
