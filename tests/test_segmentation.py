@@ -1,6 +1,8 @@
-"""Weights that are made of labels, and labels that go back."""
+"""Weights that are made of labels, labels that go back, and the tree of merges."""
 
 from __future__ import annotations
+
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 import phaseatlas as pa
 from phaseatlas import datasets
 from phaseatlas.coarsen import coarsen
+from phaseatlas.segmentation import MergeTree
 
 
 def halves(surface: pa.Surface, axis: int = 0, at: float = 0.0) -> np.ndarray:
@@ -172,3 +175,69 @@ def test_as_many_faces_as_asked_for(n_faces: int) -> None:
     assert transfer is not None
     assert transfer.target.n_faces == pytest.approx(n_faces, rel=0.05)
     assert coarsen(transfer.target, n_faces) is None
+
+
+# --------------------------------------------------------------------------------------------------
+# the tree of merges
+# --------------------------------------------------------------------------------------------------
+
+
+def energy(surface: pa.Surface, labels: np.ndarray, distortion: float) -> float:
+    core = surface.one_chart(distortion)
+    core.set_labels(labels, 0.0)
+    return core.figures()[0]
+
+
+def test_merges_are_the_cheapest() -> None:
+    surface = datasets.starfish(3)
+    segmentation = pa.Segmentation(surface, pa.partition(surface, effort="fast").labels)
+    tree = segmentation.merge_tree(300.0)
+    assert isinstance(tree, MergeTree)
+    k = segmentation.n_segments
+    assert k >= 4
+    assert tree.merges.shape == (k - 1, 2)
+    np.testing.assert_array_equal(tree.at(k).labels, segmentation.labels)
+    assert tree.at(1).n_segments == 1
+    for n in range(k, 1, -1):
+        before, after = tree.at(n), tree.at(n - 1)
+        assert (before.components == 1).all()
+        # Each is made of whole charts of the one before.
+        pairs = np.unique(np.stack([before.labels, after.labels]), axis=1)
+        assert pairs.shape[1] == n
+        found = tree.energies[k - n]
+        assert found == pytest.approx(energy(surface, before.labels, 300.0), rel=1e-12)
+        neighbours = surface.face_neighbours
+        adjacent = {
+            tuple(sorted(pair))
+            for pair in zip(
+                np.repeat(before.labels, 3), before.labels[neighbours].reshape(-1), strict=True
+            )
+        }
+        best = min(
+            energy(surface, np.where(before.labels == b, a, before.labels), 300.0)
+            for a, b in combinations(range(n), 2)
+            if (a, b) in adjacent
+        )
+        assert tree.energies[k - n + 1] == pytest.approx(best, rel=1e-12)
+
+
+def test_pieces_are_leaves() -> None:
+    sheet = datasets.sheet(30, 10, size=(3.0, 1.0), amplitude=0.0)
+    x = sheet.face_mean(sheet.vertices)[:, 0]
+    # Three strips, the outer two of one segment.
+    tree = pa.Segmentation(sheet, ((x > 1) & (x < 2)).astype(np.int64)).merge_tree()
+    assert tree.n_leaves == 3
+    assert set(tree.labels[x < 1]) == {0}
+    assert set(tree.labels[(x > 1) & (x < 2)]) == {2}
+    # A flat sheet costs its seams and a tenth for each chart.
+    np.testing.assert_allclose(tree.energies, 3**-0.5 * np.array([2, 1, 0]) + [0.3, 0.2, 0.1])
+
+
+def test_bad_heights_are_named() -> None:
+    surface = datasets.icosphere(1)
+    tree = pa.Segmentation(surface, halves(surface)).merge_tree()
+    for n in (0, 3, 1.5):
+        with pytest.raises(ValueError, match=rf"^n_charts: {n} must be a whole number in 1\.\.2"):
+            tree.at(n)
+    with pytest.raises(ValueError, match=r"^distortion: 0 must be a positive number"):
+        pa.Segmentation(surface, halves(surface)).merge_tree(0)

@@ -16,7 +16,7 @@ from ..transfer import Transfer
 if TYPE_CHECKING:
     from .._core import Screened
 
-__all__ = ["Segmentation"]
+__all__ = ["MergeTree", "Segmentation"]
 
 # Interface width in mean edge lengths: that of `segment`.
 _EPSILON = 2.0
@@ -176,6 +176,103 @@ class Segmentation:
             # Means of values up to 1 may round to more.
             weights = np.minimum((transfer.backward @ self._given.T).T, 1.0)
         return Segmentation(transfer.source, labels, weights, epsilon=self.epsilon)
+
+    def merge_tree(self, distortion: float = 600.0) -> MergeTree:
+        """Merge neighbouring segments, the pair that costs least first, until none are left.
+
+        The costs are exact differences of the energy of `partition`: the length of seams and cuts
+        in roots of the area, `distortion` times the mean squared log scale of the boundary-first
+        maps, and a tenth for each chart. A chart whose map overlaps itself is not refused; it costs
+        what it would take to repair. So charts high in the tree may overlap themselves.
+
+        Parameters
+        ----------
+        distortion : float, default 600
+            Weight of the distortion.
+
+        Returns
+        -------
+        MergeTree
+            Its leaves are the connected pieces of the segments, in the order of the segments.
+
+        Raises
+        ------
+        ValueError
+            For a weight that is not positive.
+        """
+        if not (np.isfinite(distortion) and distortion > 0):
+            raise ValueError(f"distortion: {distortion} must be a positive number")
+        core = self.surface.one_chart(distortion)
+        core.set_labels(self.labels, 0.0)
+        pieces = core.labels()
+        _, first = np.unique(pieces, return_index=True)
+        number = np.empty(len(first), dtype=np.int64)
+        number[np.argsort(self.labels[first], kind="stable")] = np.arange(len(first))
+        pairs, energies = core.merges()
+        # Charts that were merged keep their numbers.
+        everyone = np.concatenate([number, np.arange(len(first), len(first) + len(pairs))])
+        return MergeTree(
+            surface=self.surface,
+            labels=number[pieces],
+            merges=np.sort(everyone[pairs].reshape(-1, 2), axis=1),
+            energies=np.concatenate([[core.figures()[0]], energies]),
+            epsilon=self.epsilon,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MergeTree:
+    """A hierarchy of charts: the order in which neighbours are merged until none are left.
+
+    Attributes
+    ----------
+    surface : Surface
+        With m faces.
+    labels : (m,) array of int
+        Leaf of each face, in 0..k-1.
+    merges : (k - 1, 2) array of int
+        The two charts of each merge. Leaves have the numbers below k, the chart of merge i has the
+        number k + i.
+    energies : (k,) array
+        The energy of the leaves, then that after each merge; infinite where a closed surface of
+        few faces has become one chart that no cut opens.
+    epsilon : float
+        Width of the weights, in the units of the surface.
+    """
+
+    surface: Surface
+    labels: Ints
+    merges: Ints
+    energies: Floats
+    epsilon: float
+
+    @property
+    def n_leaves(self) -> int:
+        """Number of leaves, k."""
+        return len(self.energies)
+
+    def at(self, n_charts: int) -> Segmentation:
+        """Return the segmentation into so many charts, numbered by their first leaves.
+
+        Parameters
+        ----------
+        n_charts : int
+            From 1 to the number of leaves. Few, large charts may overlap themselves in the plane.
+
+        Raises
+        ------
+        ValueError
+            For another number.
+        """
+        k = self.n_leaves
+        if n_charts not in range(1, k + 1):
+            raise ValueError(f"n_charts: {n_charts!r} must be a whole number in 1..{k}")
+        chart = np.arange(k)
+        for i, (a, b) in enumerate(self.merges[: k - n_charts]):
+            chart[(chart == a) | (chart == b)] = k + i
+        _, first, inverse = np.unique(chart, return_index=True, return_inverse=True)
+        rank = np.argsort(np.argsort(first))
+        return Segmentation(self.surface, rank[inverse][self.labels], epsilon=self.epsilon)
 
 
 def _checked(weights: ArrayLike, surface: Surface) -> Floats:
