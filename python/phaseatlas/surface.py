@@ -223,7 +223,7 @@ class Surface:
         """
         array = np.ascontiguousarray(labels, dtype=np.int64)
         if array.shape != (self.n_faces,):
-            raise ValueError(f"labels: shape {array.shape}, expected ({self.n_faces},)")
+            raise ValueError(f"labels: shape {array.shape} must be ({self.n_faces},)")
         return _core.label_components(self._mesh, array)
 
     def cut_to_disk(self, faces: Ints) -> _core.CutChart:
@@ -247,6 +247,33 @@ class Surface:
             For faces that are not connected.
         """
         return _core.cut_chart(self._mesh, np.ascontiguousarray(faces, dtype=np.int64))
+
+    def screened(self, epsilon: Floats) -> _core.Screened:
+        """Factor the equation u - div(epsilon^2 grad u) = f, which spreads indicators of labels.
+
+        Parameters
+        ----------
+        epsilon : (m,) array
+            Width in each face.
+
+        Returns
+        -------
+        Screened
+            `spread(labels, chosen)` is (k, n): for each of the k chosen labels the share of its
+            faces around each vertex, spread over epsilon. All labels together sum to 1.
+        """
+        return _core.Screened(self._mesh, np.ascontiguousarray(epsilon, dtype=np.float64))
+
+    def one_chart(self, distortion: float) -> _core.Partition:
+        """Start a partition of a single chart, which the moves of `Partition` improve.
+
+        Parameters
+        ----------
+        distortion : float
+            Weight of the mean squared log scale against the length of the seams in roots of the
+            area.
+        """
+        return _core.Partition(self._mesh, distortion)
 
     def face_mean(self, values: Floats) -> Floats:
         """Mean over the corners of each face of a vertex quantity, (n, ...) to (m, ...)."""
@@ -311,7 +338,7 @@ class Surface:
         """Check and convert one finite value a vertex; `argument` names it in the error."""
         array = np.ascontiguousarray(values, dtype=np.float64)
         if np.shape(values) != (self.n_vertices,):
-            raise ValueError(f"{argument}: shape {np.shape(values)}, expected ({self.n_vertices},)")
+            raise ValueError(f"{argument}: shape {np.shape(values)} must be ({self.n_vertices},)")
         finite = np.isfinite(array)
         if not finite.all():
             index = int(np.argmin(finite))
@@ -353,10 +380,10 @@ def _read_only(array: Array) -> Array:
 def _matrix(argument: str, values: ArrayLike, dtype: Any) -> Any:
     array = np.asarray(values)
     if array.size and (array.ndim != 2 or array.shape[1] != 3):
-        raise ValueError(f"{argument}: shape {array.shape}, expected (k, 3)")
+        raise ValueError(f"{argument}: shape {array.shape} must be (k, 3)")
     if array.size and not (
         np.issubdtype(array.dtype, np.integer)
         or (dtype is np.float64 and np.issubdtype(array.dtype, np.floating))
     ):
-        raise ValueError(f"{argument}: dtype {array.dtype}, expected {np.dtype(dtype).name}")
+        raise ValueError(f"{argument}: dtype {array.dtype} must be {np.dtype(dtype).name}")
     return np.array(array, dtype=dtype, order="C").reshape(-1, 3)

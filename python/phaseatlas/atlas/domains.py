@@ -29,7 +29,7 @@ def domains(segmentation: Segmentation, segment: int, threshold: float) -> list[
     """
     surface = segmentation.surface
     labelled = segmentation.labels == segment
-    weight = np.maximum(segmentation.weights[segment] - threshold, 0)
+    weight = np.maximum(segmentation.weight(segment) - threshold, 0)
     inside = (weight[surface.faces] > 0).any(axis=1) | labelled
     across = surface.face_neighbours[labelled]
     inside[across[across >= 0]] = True
@@ -69,7 +69,7 @@ def blending_weights(segmentation: Segmentation, found: Sequence[Domain]) -> Flo
         own = surface.faces[domain.faces[domain.labelled]]
         labelled[k, own] = True
         bare = np.unique(own[~(weights[k, own] > 0).any(axis=1)])
-        given = segmentation.weights[domain.segment, bare]
+        given = segmentation.weight(domain.segment)[bare]
         weights[k, bare] = np.where(given > 0, given, 1.0)
     empty = weights.sum(axis=0) == 0
     weights[:, empty] = labelled[:, empty]

@@ -17,6 +17,7 @@ mod packing;
 mod partition;
 mod pool;
 mod raster;
+mod screened;
 
 use numpy::{PyArray1, PyArrayMethods};
 use phaseatlas_core::Error;
@@ -57,6 +58,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<functionals::Distortion>()?;
     module.add_class::<lbfgs::LimitedMemory>()?;
     module.add_class::<partition::Partition>()?;
+    module.add_class::<screened::Screened>()?;
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
     module.add_class::<flatten::CutChart>()?;
     module.add_class::<flatten::ScaledMap>()?;

@@ -158,13 +158,22 @@ impl Energies {
 
     /// What the union of two charts costs; [`None`] where that is not below `limit`.
     pub fn cost_of_union(&self, a: &Chart, b: &Chart, rule: &Rule, limit: f64) -> Option<f64> {
+        if let Some(terms) = self.known(a.hash ^ b.hash)
+            && rule.least_cost(&terms) >= limit
+        {
+            return None;
+        }
+        let cost = self.cost_of_any_union(a, b, rule);
+        (cost < limit).then_some(cost)
+    }
+
+    /// What the union of two charts costs.
+    pub fn cost_of_any_union(&self, a: &Chart, b: &Chart, rule: &Rule) -> f64 {
         let hash = a.hash ^ b.hash;
-        let cost = match self.known(hash) {
-            Some(terms) if rule.least_cost(&terms) >= limit => return None,
+        match self.known(hash) {
             Some(terms) if rule.is_certain(&terms) => rule.cost(&terms),
             _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule)),
-        };
-        (cost < limit).then_some(cost)
+        }
     }
 
     fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> Terms {
