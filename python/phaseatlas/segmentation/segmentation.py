@@ -110,6 +110,11 @@ class Segmentation:
             weights[batch] = self._spreading.spread(self.labels, segments[batch])
         return weights
 
+    @property
+    def weights_given(self) -> bool:
+        """Whether the weights were given; others are made of the labels."""
+        return self._given is not None
+
     def weight(self, segment: int) -> Floats:
         """Return the weights of one segment, (n,), without room for those of thousands.
 
