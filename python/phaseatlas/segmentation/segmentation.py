@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,6 +89,10 @@ class Segmentation:
         object.__setattr__(self, "labels", array.astype(np.int64, copy=False))
         object.__setattr__(self, "epsilon", float(epsilon))
         object.__setattr__(self, "_given", given)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A factor cannot be pickled, and is soon made again.
+        return {name: value for name, value in vars(self).items() if name != "_spreading"}
 
     @cached_property
     def n_segments(self) -> int:
