@@ -169,6 +169,21 @@ def stiffness(vertices, faces):
     return weighted_stiffness(vertices, faces, np.ones(len(vertices)))
 
 
+def diffuse_weights(vertices, faces, labels, epsilon):
+    """u - div(epsilon^2 grad u) = 1 on the faces of each label, 0 elsewhere; epsilon by faces."""
+    n = len(vertices)
+    matrix = np.zeros((n, n))
+    shares = np.zeros((labels.max() + 1, n))
+    for face, label, width in zip(faces, labels, epsilon, strict=True):
+        inside = stiffness(vertices[face], np.array([[0, 1, 2]]))
+        matrix[np.ix_(face, face)] += width**2 * inside
+        shares[label, face] += face_areas(vertices, face[None])[0] / 3.0
+    # No entry but the diagonal is positive; rows sum to the mass.
+    matrix = np.minimum(matrix - np.diag(np.diag(matrix)), 0.0)
+    matrix += np.diag(lumped_mass(vertices, faces) - matrix.sum(axis=1))
+    return np.linalg.solve(matrix, shares.T).T
+
+
 # --------------------------------------------------------------------------------------------------
 # functionals
 # --------------------------------------------------------------------------------------------------

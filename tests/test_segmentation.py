@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 import phaseatlas as pa
+import reference
 from phaseatlas import datasets
 from phaseatlas.coarsen import coarsen
 from phaseatlas.segmentation import MergeTree
@@ -81,6 +83,21 @@ def test_weights_are_a_partition_of_unity(surface: pa.Surface, epsilon: float | 
     np.testing.assert_array_equal(found.weight(5), found.weights[5])
 
 
+@pytest.mark.parametrize(
+    "surface",
+    [datasets.icosphere(2), datasets.sheet(14, 9, size=(1.0, 20.0))],
+    ids=["sphere", "needles"],
+)
+@pytest.mark.parametrize("epsilon", [0.05, 0.4])
+def test_weights_agree_with_their_twin(surface: pa.Surface, epsilon: float) -> None:
+    found = pa.Segmentation(surface, voronoi(surface, 6), epsilon=epsilon)
+    widths = np.minimum(epsilon, np.sqrt(found.areas) / 4)
+    expected = reference.diffuse_weights(
+        surface.vertices, surface.faces, found.labels, widths[found.labels]
+    )
+    np.testing.assert_allclose(found.weights, expected, atol=1e-12)
+
+
 def test_weights_follow_the_scale_and_the_shares() -> None:
     surface = datasets.icosphere(3)
     labels = voronoi(surface, 5)
@@ -109,6 +126,16 @@ def test_weights_are_made_when_they_are_asked_for() -> None:
     assert "weights" not in vars(found)
     given = pa.Segmentation(surface, found.labels * 0, np.ones((1, surface.n_vertices)))
     assert given.weights.min() == 1.0
+
+
+def test_segmentations_are_pickled() -> None:
+    surface = datasets.icosphere(3)
+    found = pa.Segmentation(surface, voronoi(surface, 5))
+    weights = found.weights
+    again = pickle.loads(pickle.dumps(found))
+    np.testing.assert_array_equal(again.weights, weights)
+    del again.__dict__["weights"]
+    np.testing.assert_array_equal(again.weights, weights)
 
 
 def test_partition_blends() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,6 +90,10 @@ class Segmentation:
         object.__setattr__(self, "epsilon", float(epsilon))
         object.__setattr__(self, "_given", given)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # A factor cannot be pickled, and is soon made again.
+        return {name: value for name, value in vars(self).items() if name != "_spreading"}
+
     @cached_property
     def n_segments(self) -> int:
         """Number of segments, k."""
@@ -109,6 +113,11 @@ class Segmentation:
             batch = slice(first, first + _BATCH)
             weights[batch] = self._spreading.spread(self.labels, segments[batch])
         return weights
+
+    @property
+    def weights_given(self) -> bool:
+        """Whether the weights were given; others are made of the labels."""
+        return self._given is not None
 
     def weight(self, segment: int) -> Floats:
         """Return the weights of one segment, (n,), without room for those of thousands.
