@@ -17,6 +17,7 @@ mod packing;
 mod partition;
 mod pool;
 mod raster;
+mod repair;
 
 use numpy::{PyArray1, PyArrayMethods};
 use phaseatlas_core::Error;
@@ -67,6 +68,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(packing::pack, module)?)?;
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
     module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;
+    module.add_class::<repair::Repair>()?;
     module.add_class::<bake::Bake>()?;
     module.add_function(wrap_pyfunction!(bake::sample, module)?)?;
     module.add_function(wrap_pyfunction!(memory::available_memory, module)?)?;
