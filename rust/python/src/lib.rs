@@ -18,6 +18,7 @@ mod partition;
 mod pool;
 mod raster;
 mod screened;
+mod repair;
 
 use numpy::{PyArray1, PyArrayMethods};
 use phaseatlas_core::Error;
@@ -70,6 +71,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
     module.add_function(wrap_pyfunction!(raster::nearest, module)?)?;
     module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;
+    module.add_class::<repair::Repair>()?;
     module.add_class::<bake::Bake>()?;
     module.add_function(wrap_pyfunction!(bake::sample, module)?)?;
     module.add_function(wrap_pyfunction!(memory::available_memory, module)?)?;

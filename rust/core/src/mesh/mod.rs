@@ -5,13 +5,13 @@ mod topology;
 
 use crate::error::{Result, check_length, check_positive};
 use geometry::Geometry;
-pub(crate) use geometry::distance;
+pub(crate) use geometry::{cross, distance, dot, is_face, subtract};
 use topology::Topology;
 pub use topology::{Adjacency, NONE};
 
 /// A face is degenerate where twice its area is at most this fraction of its longest edge squared:
 /// the area then has fewer than four digits.
-const DEGENERATE: f64 = 1e-12;
+pub(crate) const DEGENERATE: f64 = 1e-12;
 
 /// An edge-manifold, vertex-manifold, consistently oriented triangle mesh with or without boundary,
 /// connected unless built of [`Self::pieces`], and the quantities of section 3 that depend on it alone.
