@@ -442,6 +442,7 @@ f -1/-1/-1 -2/-2/-1 \\
   -3/-1/-1
 f 5//1 6//1 7//1 1//1 2//1
 l 1/1 2/2 3
+f 1/1/1 2/2/1
 p 4
 g
 vp 0.1
@@ -475,7 +476,7 @@ def obj_corners(text):
         words = line.split("#")[0].split()
         if words[:1] == ["vt"]:
             table.append([float(word) for word in words[1:3]])
-        elif words[:1] == ["f"]:
+        elif words[:1] == ["f"] and len(words) > 3:
             corners += [int(word.split("/")[1]) for word in words[1:]]
     return np.array(table)[np.array(corners) - 1]
 
@@ -526,7 +527,7 @@ def test_files_that_an_obj_names_go_with_it(tmp_path):
 
 def test_a_texture_for_an_obj_needs_a_library_of_its_own(tmp_path):
     text = TEXT.replace("usemtl red\n", "")
-    written(tmp_path / "some.mtl", "newmtl blue\nKd 0 0 1\nd 0.5\n")
+    written(tmp_path / "some.mtl", "newmtl blue\nKd 0 0 1\nd 0.5\nmap_Kd b.png\n")
     written(tmp_path / "b.png", "mine")
     document = read_document(written(tmp_path / "a.obj", text))
     document.save(tmp_path / "b.obj", [hashed(mesh) for mesh in document.meshes], image=MADE)
