@@ -92,7 +92,10 @@ def read_gltf(path: Path) -> Gltf:
         if len(content) < entry.get("byteLength", 0):
             raise ValueError(f"{name} is cut short")
         buffers.append(content)
-    return Gltf(document, tuple(buffers), path.parent, embedded)
+    gltf = Gltf(document, tuple(buffers), path.parent, embedded)
+    for index in range(len(document.get("bufferViews", []))):
+        view_bytes(gltf, index)
+    return gltf
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
@@ -140,11 +143,11 @@ def resource(folder: Path, uri: str) -> bytes | None:
         return None
 
 
-def view_bytes(gltf: Gltf, index: int) -> bytes:
-    """Bytes of a buffer view."""
+def view_bytes(gltf: Gltf, index: int) -> memoryview:
+    """Bytes of a buffer view, not copied."""
     view = gltf.json["bufferViews"][index]
     start = view.get("byteOffset", 0)
-    data: bytes = gltf.buffers[view["buffer"]][start : start + view["byteLength"]]
+    data = memoryview(gltf.buffers[view["buffer"]])[start : start + view["byteLength"]]
     if len(data) < view["byteLength"]:
         raise ValueError(f"buffer view {index} reaches past its buffer")
     return data

@@ -63,6 +63,7 @@ def as_gltf(
         "nodes": [],
         "meshes": [],
     }
+    n_sets = max((len(extra.uvs) for extra in carried), default=0)
     place = _write_materials(document, name, materials, image, uv_set)
     for index, (mesh, extra, uv) in enumerate(zip(meshes, carried, uvs, strict=True)):
         centre = translation(mesh.positions[mesh.corners])
@@ -71,7 +72,8 @@ def as_gltf(
         if centre.any():
             node["translation"] = centre.tolist()
         document["nodes"].append(node)
-        sets = [*extra.uvs]
+        # A material may be seen through a set that another mesh has.
+        sets = [*extra.uvs, *[np.zeros((len(uv), 2))] * (n_sets - len(extra.uvs))]
         sets.insert(uv_set, uv)
         primitives = _primitives(mesh, centre, extra, sets)
         for primitive in primitives:

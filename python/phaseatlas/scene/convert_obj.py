@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +18,13 @@ from .polygons import starts_of
 __all__ = ["as_obj"]
 
 _NORMAL_DIGITS = 6
+# Lines that are formatted at once.
+_CHUNK = 1 << 16
 
 
 def as_obj(
     path: Path,
-    folder: Path,
+    named: Sequence[Path],
     meshes: Sequence[Mesh],
     carried: Sequence[Corners],
     materials: Sequence[Material],
@@ -36,8 +38,8 @@ def as_obj(
     ----------
     path : Path
         Of the OBJ file.
-    folder : Path
-        Of the source, none of whose files is overwritten by a material library or a texture.
+    named : sequence of Path
+        Files that the source names, whose names the material library and the texture do not take.
     meshes, carried
         The meshes and what their corners carry.
     materials : sequence of Material
@@ -46,7 +48,7 @@ def as_obj(
     image : (h, w, 3) array of uint8, optional
         Base colour of all materials.
     """
-    stem = free_stem(path, folder)
+    stem = free_stem(path, named)
     names = _names(materials, stem)
     used = sorted({int(k) for mesh in meshes for k in np.unique(mesh.material_of)})
     # What has no material needs none where there is nothing to show.
@@ -114,59 +116,79 @@ def _object(
     moved = not np.array_equal(matrix, np.eye(4))
     if moved:
         positions = positions @ matrix[:3, :3].T + matrix[:3, 3]
-    rows = [positions]
+    rows = positions
     if extra.colours is not None:
         colours = np.ones((len(positions), 3))
         colours[mesh.corners] = extra.colours[:, :3]
-        rows.append(colours)
-    lines = [_rows("v", [_shortest(values) for values in rows])]
+        rows = np.column_stack([positions, colours])
+    lines = [_rows("v", _form(positions), rows)]
     order = np.arange(len(mesh.corners))
     if np.linalg.det(matrix[:3, :3]) < 0:
         # A mirrored face is turned to look outwards again.
         starts, sizes = starts_of(mesh.sizes), mesh.sizes
         order = np.repeat(2 * starts + sizes - 1, sizes) - order
-    vertex = mesh.corners[order] + 1 + bases[0]
-    parts = [vertex.astype(np.bytes_), texture[order].astype(np.bytes_)]
+    columns = [mesh.corners[order] + 1 + bases[0], texture[order]]
     bases[0] += len(positions)
     if extra.normals is not None and np.isfinite(extra.normals).all():
         normals = extra.normals
         if moved:
-            # The adjugate turns normals also where the matrix is singular.
-            m = matrix[:3, :3]
-            adjugate = np.stack([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
-            normals = normals @ adjugate.T * (1 if np.linalg.det(m) >= 0 else -1)
-            length = np.linalg.norm(normals, axis=1, keepdims=True)
-            normals = np.divide(normals, length, out=normals.copy(), where=length > 0)
-        distinct, place = np.unique(
-            np.round(normals, _NORMAL_DIGITS) + 0.0, axis=0, return_inverse=True
+            normals = _turned(normals, matrix[:3, :3])
+        whole = np.rint(normals * 10**_NORMAL_DIGITS).astype(np.int64) + 0
+        representative, place = _distinct(whole)
+        lines.append(
+            _rows("vn", f"%.{_NORMAL_DIGITS}f", whole[representative] / 10**_NORMAL_DIGITS)
         )
-        lines.append(_rows("vn", [np.char.mod(f"%.{_NORMAL_DIGITS}f", distinct)]))
-        parts.append((place.reshape(-1)[order] + 1 + bases[1]).astype(np.bytes_))
-        bases[1] += len(distinct)
-    words = parts[0]
-    for part in parts[1:]:
-        words = np.char.add(np.char.add(words, b"/"), part)
+        columns.append(place[order] + 1 + bases[1])
+        bases[1] += len(representative)
+    words = np.stack(columns, axis=1)
     ends = np.cumsum(mesh.sizes)
-    # A blank between the corners of a face, and a new line before each.
-    separators = np.full(len(words), b" ", dtype="S3")
-    separators[starts_of(mesh.sizes)] = b"\nf "
-    text = np.char.add(separators, words)
     changes = np.flatnonzero(np.diff(mesh.material_of)) + 1
     for begin, end in zip([0, *changes], [*changes, len(ends)], strict=True):
         if names is not None:
             lines.append(b"usemtl " + names[int(mesh.material_of[begin])].encode() + b"\n")
         start = int(ends[begin] - mesh.sizes[begin])
-        lines.append(b"".join(text[start : int(ends[end - 1])].tolist())[1:] + b"\n")
+        lines += _faces(words[start : int(ends[end - 1])], mesh.sizes[begin:end])
     return lines
 
 
-def _shortest(values: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
+def _turned(normals: Floats, matrix: Floats) -> Floats:
+    """Unit normals of a surface that a matrix moves; mirrored faces are turned round."""
+    # The cofactors turn normals also where the matrix is singular.
+    cofactors = np.stack([np.cross(matrix[k - 2], matrix[k - 1]) for k in range(3)])
+    turned: Floats = normals @ cofactors.T * (1 if np.linalg.det(matrix) >= 0 else -1)
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    unit: Floats = np.divide(turned, length, out=turned.copy(), where=length > 0)
+    return unit
+
+
+def _distinct(whole: Ints) -> tuple[Ints, Ints]:
+    """Rows that differ, by the first of each, and which of them each row is."""
+    # 20 bits hold a component of a unit vector in steps of a millionth, its sign aside.
+    key = ((whole[:, 0] + (1 << 20)) << 42) + ((whole[:, 1] + (1 << 20)) << 21) + whole[:, 2]
+    _, first, place = np.unique(key, return_index=True, return_inverse=True)
+    return first, place.reshape(-1)
+
+
+def _faces(words: Ints, sizes: Ints) -> Iterator[bytes]:
+    """Lines of faces, of which each row of `words` is a corner."""
+    corner = " " + "/".join(["%d"] * words.shape[1])
+    forms = {size: "f" + corner * size + "\n" for size in np.unique(sizes).tolist()}
+    ends = np.concatenate([[0], np.cumsum(sizes)])
+    for begin in range(0, len(sizes), _CHUNK):
+        end = min(begin + _CHUNK, len(sizes))
+        form = "".join([forms[size] for size in sizes[begin:end].tolist()])
+        numbers = words[ends[begin] : ends[end]].reshape(-1).tolist()
+        yield (form % tuple(numbers)).encode()
+
+
+def _form(values: Floats) -> str:
     """As few digits as give the same numbers back."""
     with np.errstate(over="ignore"):
         single = np.array_equal(values.astype(np.float32), values)
-    return np.char.mod("%.9g" if single else "%.17g", values)
+    return "%.9g" if single else "%.17g"
 
 
-def _rows(word: str, groups: list[np.ndarray[tuple[int, ...], np.dtype[np.str_]]]) -> bytes:
-    rows = np.concatenate(groups, axis=1).tolist()
-    return "".join(f"{word} {' '.join(row)}\n" for row in rows).encode()
+def _rows(word: str, form: str, values: Floats) -> bytes:
+    line = f"{word} {' '.join([form] * values.shape[1])}\n"
+    chunks = [values[k : k + _CHUNK] for k in range(0, len(values), _CHUNK)]
+    return "".join(line * len(c) % tuple(c.reshape(-1).tolist()) for c in chunks).encode()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Protocol
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from .gltf_edit import with_uv
 from .gltf_files import gltf_files
 from .gltf_meshes import Triangles, corners_of, materials_of, meshes_of, triangles_of
 from .mesh import Contents, Corners, Material, Mesh
-from .obj_document import read_obj_source
+from .obj_document import free_stem, read_obj_source
 from .off import read_off
 from .picture import png
 from .ply import ply_of, ply_with_uv, read_ply
@@ -36,6 +37,8 @@ class Source(Protocol):
 
     @property
     def folder(self) -> Path: ...
+    @property
+    def named(self) -> tuple[Path, ...]: ...
     @property
     def meshes(self) -> tuple[Mesh, ...]: ...
     @property
@@ -143,7 +146,7 @@ class Document:
             lost = self._lost(carried)
             made = as_obj(
                 path,
-                self.source.folder,
+                self.source.named,
                 self.meshes,
                 carried,
                 self.materials,
@@ -302,6 +305,12 @@ class GltfSource:
         """Where the file is."""
         return self.gltf.folder
 
+    @property
+    def named(self) -> tuple[Path, ...]:
+        """Images that are files of their own."""
+        uris = [image.get("uri", "data:") for image in self.gltf.json.get("images", [])]
+        return tuple(self.folder / unquote(uri) for uri in uris if not uri.startswith("data:"))
+
     def corners(self, index: int) -> Corners:
         """Old texture coordinates, normals and colours at the corners of a mesh."""
         return corners_of(self.gltf, self.groups[index])
@@ -327,6 +336,13 @@ class LooseSource:
     elements: Ply | None = None
     materials: tuple[Material, ...] = ()
 
+    @property
+    def named(self) -> tuple[Path, ...]:
+        """The texture that a PLY file names."""
+        comments = self.elements.comments if self.elements else ()
+        words = [comment.split(maxsplit=2) for comment in comments]
+        return tuple(self.folder / w[2] for w in words if len(w) == 3 and w[1] == "TextureFile")
+
     def corners(self, index: int) -> Corners:
         """Old texture coordinates, normals and colours at the corners of a mesh."""
         return self.carried[index]
@@ -337,7 +353,7 @@ class LooseSource:
         """Return a PLY file with all properties that were read."""
         if self.elements is None:
             return _as_ply(path, self.meshes, self.carried, uvs, image)
-        return _ply_files(path, self.elements, uvs[0], image)
+        return _ply_files(path, self.elements, uvs[0], image, self.named)
 
 
 def _as_ply(
@@ -361,8 +377,10 @@ def _as_ply(
     return Contents(made.files, (*note, *made.notes))
 
 
-def _ply_files(path: Path, elements: Ply, uv: Floats, image: Bytes | None) -> Contents:
+def _ply_files(
+    path: Path, elements: Ply, uv: Floats, image: Bytes | None, named: Sequence[Path] = ()
+) -> Contents:
     if image is None:
         return Contents({path: ply_with_uv(elements, uv, None)})
-    beside = path.with_suffix(".png")
+    beside = path.with_name(f"{free_stem(path, named)}.png")
     return Contents({beside: png(image), path: ply_with_uv(elements, uv, beside.name)})

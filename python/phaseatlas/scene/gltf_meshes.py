@@ -49,6 +49,10 @@ def _corners(gltf: Gltf, primitive: Json) -> Ints:
         listed = rows(gltf, primitive["indices"])[:, 0].astype(np.int64)
     else:
         listed = np.arange(count)
+    for holder in (primitive["attributes"], *primitive.get("targets", [])):
+        for name, accessor in holder.items():
+            if len(rows(gltf, accessor)) != count:
+                raise ValueError(f"{name} has other than the {count} values of POSITION")
     if len(listed) and listed.max() >= count:
         raise ValueError(f"a face names vertex {listed.max()} among {count}")
     if mode == _TRIANGLES:
@@ -171,7 +175,7 @@ def corners_of(gltf: Gltf, group: tuple[Triangles, ...]) -> Corners:
             values = np.full((len(part.corners), width), np.nan)
             if name in primitive["attributes"]:
                 found = decoded(gltf, primitive["attributes"][name])[part.corners]
-                values[:, : found.shape[1]] = found
+                values[:, : found.shape[1]] = found[:, :width]
             parts.append(values)
         return np.concatenate(parts)
 
@@ -215,7 +219,7 @@ def _image(gltf: Gltf, texture: int) -> Image | None:
     entry = gltf.json["images"][source]
     uri = entry.get("uri")
     if "bufferView" in entry:
-        data: bytes | None = view_bytes(gltf, entry["bufferView"])
+        data: bytes | None = bytes(view_bytes(gltf, entry["bufferView"]))
     else:
         data = resource(gltf.folder, uri) if uri else None
     if data is None:

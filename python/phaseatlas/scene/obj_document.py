@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,6 +57,22 @@ class ObjSource:
     materials: tuple[Material, ...]
     libraries: dict[str, Library | None]
 
+    @property
+    def named(self) -> tuple[Path, ...]:
+        """Material libraries and textures of the file."""
+        return tuple(
+            self.folder / name.replace("\\", "/")
+            for library in self.libraries
+            for name in self._files_of(library)
+        )
+
+    def _files_of(self, name: str) -> list[str]:
+        """A library and its textures, relative to the file's folder."""
+        library = self.libraries[name]
+        textures = () if library is None else library.textures
+        folder = Path(name.replace("\\", "/")).parent
+        return [name, *(str(folder / texture) for texture in textures)]
+
     def corners(self, index: int) -> Corners:
         """Texture coordinates, normals and colours at the corners of a mesh."""
         _, texture, normal = corner_indices(self.text)
@@ -85,8 +102,7 @@ class ObjSource:
             if library is None:
                 notes.append(f"the material library {name} is missing")
                 continue
-            named = [name, *(str(Path(name).parent / texture) for texture in library.textures)]
-            for relative in named:
+            for relative in self._files_of(name):
                 try:
                     data = (self.folder / relative.replace("\\", "/")).read_bytes()
                 except (OSError, ValueError):
@@ -95,12 +111,12 @@ class ObjSource:
                 copies, said = copy_beside(path.parent, self.folder, relative, data)
                 files |= copies
                 notes += said
-            if library.textures:
+            if library.textures and any(mesh.uv_sets for mesh in self.meshes):
                 notes.append(f"the textures of {name} were made for the old texture coordinates")
         return Contents({**files, path: with_vt(self.text, uv)}, tuple(notes))
 
     def _painted(self, path: Path, uv: Floats, image: Bytes) -> Contents:
-        stem = free_stem(path, self.folder)
+        stem = free_stem(path, self.named)
         used = {name for mesh in self.meshes for name in mesh.materials}
         bare = any((mesh.material_of < 0).any() for mesh in self.meshes)
         materials = [(m.name, m) for m in self.materials if m.name in used]
@@ -124,12 +140,12 @@ class ObjSource:
         )
 
 
-def free_stem(path: Path, folder: Path) -> str:
-    """A name for a new library and texture that spoils no file of the source's folder."""
+def free_stem(path: Path, named: Sequence[Path]) -> str:
+    """A name for a new library and texture that is none of the files that the source names."""
     stem = path.stem
-    if path.parent.resolve() == folder.resolve():
-        while any((folder / f"{stem}{suffix}").exists() for suffix in (".mtl", ".png")):
-            stem += "_atlas"
+    taken = {file.resolve() for file in named}
+    while any(path.with_name(f"{stem}{suffix}").resolve() in taken for suffix in (".mtl", ".png")):
+        stem += "_atlas"
     return stem
 
 
@@ -156,6 +172,8 @@ def read_obj_source(path: Path) -> ObjSource:
     if len(lines) != len(ends):
         line = corner_indices(text)[0]
         lines = line[ends - 1] if len(line) == len(vertices) else lines[: len(ends)]
+    if len(text.continued) and len(corner_indices(text)[0]) != len(vertices):
+        raise ValueError("where its continued lines end cannot be told")
     libraries = {
         name: read_library(path.parent / name.replace("\\", "/"))
         for _, _, rest in statements(text, (b"mtllib",))

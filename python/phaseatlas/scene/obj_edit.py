@@ -76,6 +76,8 @@ def _rewritten(
     block = np.frombuffer(text.data, np.uint8, int(text.starts[end]) - origin, origin)
     kinds = text.kinds[begin:end]
     faces = fields(text, begin, end, FACE)
+    if len(index) < len(faces.start):
+        raise ValueError("more corners of faces were found in the text than were read")
     index = index[: len(faces.start)]
     gone = np.zeros(len(block) + 1, dtype=np.int32)
     bounds = text.starts[begin : end + 1] - origin
@@ -84,6 +86,10 @@ def _rewritten(
     if (kinds == ELEMENT).any():
         others = fields(text, begin, end, ELEMENT)
         spans.append((others.first, others.end))
+    if len(np.unique(faces.line)) < np.count_nonzero(kinds == FACE):
+        others = fields(text, begin, end, FACE, short=True)
+        # Both slashes stay before a normal.
+        spans.append((others.first + (others.second < others.end), others.second))
     for start, stop in spans:
         gone[start] += 1
         gone[stop] -= 1

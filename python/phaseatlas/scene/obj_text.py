@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Bytes, Floats, Ints
+from ..arrays import Bytes, Floats, Ints
 from .mtl import charset
 
 __all__ = [
@@ -27,7 +27,9 @@ __all__ = [
 
 # Bytes a block: arrays of eight times as many are made of each.
 _BLOCK = 1 << 22
-_NEWLINE, _RETURN, _SLASH, _HASH, _BACKSLASH = (ord(c) for c in "\n\r/#\\")
+_NEWLINE, _RETURN, _SLASH, _HASH = (ord(c) for c in "\n\r/#")
+# What parts words, by byte, and what does not.
+_BLANK = np.isin(np.arange(256), [ord(c) for c in " \t\n\f\r"])
 OTHER, FACE, VERTEX, TEXTURE, NORMAL, ELEMENT = range(6)
 
 
@@ -49,6 +51,8 @@ class ObjText:
         Of names and comments: UTF-8, or Latin-1 where they are none.
     kinds : (n,) array of uint8
         FACE, VERTEX, TEXTURE, NORMAL, ELEMENT (points and lines), OTHER.
+    continued : (k,) array of int
+        Places of the backslashes after which a line goes on.
     """
 
     data: bytes
@@ -57,27 +61,32 @@ class ObjText:
     charset: str
     starts: Ints
     kinds: Bytes
+    continued: Ints
 
 
 def read_text(content: bytes) -> ObjText:
     """Find the lines of a file in UTF-8, UTF-16, UTF-32 or an encoding that contains ASCII."""
     data, prefix, encoding = _decoded(content)
     padded = np.frombuffer(data + b"\n   ", dtype=np.uint8)
+    continued = np.zeros(0, dtype=np.int64)
     text = padded[: len(data)]
     ends = (text == _NEWLINE) | ((text == _RETURN) & (padded[1 : len(data) + 1] != _NEWLINE))
     places = np.flatnonzero(ends)
     if b"\\" in data:
-        places = places[~_continued(data, places)]
+        continued, gone = _continued(data, places)
+        places = np.delete(places, gone)
+        padded = padded.copy()
+        padded[continued] = ord(" ")
     starts = np.concatenate([[0], places + 1, [len(data)]])
     if len(places) and places[-1] == len(data) - 1:
         starts = starts[:-1]
     first = starts[:-1].copy()
     while True:
-        blank = (padded[first] <= 32) & (padded[first] != _NEWLINE) & (first < starts[1:] - 1)
+        blank = _BLANK[padded[first]] & (padded[first] != _NEWLINE) & (first < starts[1:] - 1)
         if not blank.any():
             break
         first[blank] += 1
-    return ObjText(data, prefix, encoding, charset(data), starts, _kinds(padded, first))
+    return ObjText(data, prefix, encoding, charset(data), starts, _kinds(padded, first), continued)
 
 
 def _decoded(content: bytes) -> tuple[bytes, bytes, str | None]:
@@ -101,9 +110,9 @@ def _decoded(content: bytes) -> tuple[bytes, bytes, str | None]:
     return content[len(prefix) :].decode(encoding, errors="replace").encode(), prefix, encoding
 
 
-def _continued(data: bytes, places: Ints) -> Bools:
-    """Ends of lines before which a backslash stands, outside of comments."""
-    found = np.zeros(len(places), dtype=np.bool_)
+def _continued(data: bytes, places: Ints) -> tuple[Ints, Ints]:
+    """Backslashes at ends of lines, outside of comments, and the numbers of these ends."""
+    found: list[tuple[int, int]] = []
     place = data.find(b"\\")
     while place >= 0:
         index = int(np.searchsorted(places, place))
@@ -111,26 +120,22 @@ def _continued(data: bytes, places: Ints) -> Bools:
             start = int(places[index - 1]) + 1 if index else 0
             rest = data[place + 1 : places[index]]
             if not rest.strip() and b"#" not in data[start:place]:
-                found[index] = True
+                found.append((place, index))
         place = data.find(b"\\", place + 1)
-    return found
+    backslashes, ends = np.array(found, dtype=np.int64).reshape(-1, 2).T
+    return backslashes, ends
 
 
 def _kinds(padded: Bytes, first: Ints) -> Bytes:
     a, b, c = (padded[first + k] for k in range(3))
     kinds = np.full(len(first), OTHER, dtype=np.uint8)
-    one, two = _blank(b), _blank(c)
+    one, two = _BLANK[b], _BLANK[c]
     kinds[(a == ord("f")) & (one | ((b == ord("o")) & two))] = FACE
     kinds[(a == ord("v")) & one] = VERTEX
     kinds[(a == ord("v")) & (b == ord("t")) & two] = TEXTURE
     kinds[(a == ord("v")) & (b == ord("n")) & two] = NORMAL
     kinds[((a == ord("l")) | (a == ord("p"))) & one] = ELEMENT
     return kinds
-
-
-def _blank(byte: Bytes) -> Bools:
-    blank: Bools = (byte <= 32) | (byte == _BACKSLASH)
-    return blank
 
 
 def statements(text: ObjText, words: tuple[bytes, ...]) -> Iterator[tuple[int, bytes, bytes]]:
@@ -206,7 +211,7 @@ def blocks(text: ObjText, stop: int = 0) -> Iterator[tuple[int, int]]:
         line = last
 
 
-def fields(text: ObjText, begin: int, end: int, kind: int) -> Fields:
+def fields(text: ObjText, begin: int, end: int, kind: int, *, short: bool = False) -> Fields:
     """Find the corners of the faces (three corners or more), or of points and lines, in some lines.
 
     Parameters
@@ -216,12 +221,16 @@ def fields(text: ObjText, begin: int, end: int, kind: int) -> Fields:
         The lines.
     kind : int
         FACE or ELEMENT.
+    short : bool, default False
+        Those of faces with fewer corners instead, which enclose nothing.
     """
     origin = int(text.starts[begin])
     block = np.frombuffer(text.data, np.uint8, int(text.starts[end]) - origin, origin)
     lengths = np.diff(text.starts[begin : end + 1])
     inside = np.repeat(text.kinds[begin:end] == kind, lengths)
-    word = inside & (block > 32) & (block != _BACKSLASH)
+    word = inside & ~_BLANK[block]
+    near = np.searchsorted(text.continued, [origin, origin + len(block)])
+    word[text.continued[near[0] : near[1]] - origin] = False
     edges = np.diff(np.concatenate([[False], word, [False]]).astype(np.int8))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     line = np.searchsorted(text.starts[begin : end + 1] - origin, starts, side="right") - 1
@@ -234,9 +243,8 @@ def fields(text: ObjText, begin: int, end: int, kind: int) -> Fields:
         comment = starts >= first[line]
     kept = ~keyword & ~comment
     if kind == FACE:
-        # Two corners enclose nothing.
         counts = np.bincount(line[kept], minlength=end - begin)
-        kept &= counts[line] > 2
+        kept &= (counts[line] > 2) != short
     starts, ends, line = starts[kept], ends[kept], line[kept]
     slashes = np.concatenate([np.flatnonzero(block == _SLASH), [len(block), len(block)]])
     at = np.searchsorted(slashes, starts)

@@ -106,7 +106,7 @@ def split_corners(vertices: Ints, *columns: Floats | Singles) -> tuple[Ints, Int
     distinct : int
         How many of the new vertices are the first that belong to a vertex.
     """
-    bits = [_bits(column) for values in columns for column in values.T]
+    bits = [column for values in columns for column in _bits(values)]
     order = np.lexsort([*bits[::-1], vertices])
     fresh = np.zeros(len(order), dtype=np.bool_)
     fresh[:1] = True
@@ -127,11 +127,14 @@ def split_corners(vertices: Ints, *columns: Floats | Singles) -> tuple[Ints, Int
     return representative, new, distinct
 
 
-def _bits(column: NDArray[Any]) -> NDArray[Any]:
+def _bits(values: NDArray[Any]) -> list[Ints]:
+    """The bits of rows as integers, two numbers of single precision in one."""
     # Negative zero is zero.
-    plain = np.ascontiguousarray(column) + 0.0
-    bits: NDArray[Any] = plain.view(np.int32 if plain.dtype == np.float32 else np.int64)
-    return bits
+    plain = values + values.dtype.type(0)
+    if plain.dtype == np.float32:
+        odd = np.zeros((len(plain), plain.shape[1] % 2), dtype=np.float32)
+        plain = np.concatenate([plain, odd], axis=1)
+    return list(np.ascontiguousarray(plain).view(np.int64).T)
 
 
 def triangulate(positions: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Ints]:
