@@ -13,6 +13,7 @@ __all__ = [
     "Connectedness",
     "CutChart",
     "Distortion",
+    "GrownChart",
     "LimitedMemory",
     "Partition",
     "Perimeter",
@@ -24,6 +25,11 @@ __all__ = [
     "available_memory",
     "bff",
     "cut_chart",
+    "extend",
+    "faults",
+    "grow_chart",
+    "in_plane",
+    "isometric",
     "label_components",
     "lscm",
     "most_padding",
@@ -32,6 +38,7 @@ __all__ = [
     "parse_obj",
     "rasterize",
     "sample",
+    "symmetric_dirichlet",
 ]
 
 __version__: str
@@ -181,6 +188,32 @@ class ScaledMap:
 def cut_chart(mesh: TriangleMesh, faces: NDArray[np.int64]) -> CutChart: ...
 def lscm(mesh: TriangleMesh) -> NDArray[np.float64]: ...
 def bff(mesh: TriangleMesh) -> ScaledMap: ...
+def isometric(mesh: TriangleMesh) -> NDArray[np.float64]: ...
+def symmetric_dirichlet(
+    mesh: TriangleMesh, uv: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64]]: ...
+def in_plane(mesh: TriangleMesh) -> NDArray[np.float64]: ...
+def extend(mesh: TriangleMesh, uv: NDArray[np.float64]) -> NDArray[np.float64]: ...
+def faults(
+    triangles: NDArray[np.int64], uv: NDArray[np.float64], thin: float
+) -> tuple[int, bool, int]: ...
+
+@final
+class GrownChart:
+    @property
+    def chart(self) -> CutChart: ...
+    @property
+    def mesh(self) -> TriangleMesh: ...
+    @property
+    def triangles(self) -> NDArray[np.int64]: ...
+    @property
+    def vertices(self) -> NDArray[np.int64]: ...
+    @property
+    def faces(self) -> NDArray[np.int64]: ...
+
+def grow_chart(
+    mesh: TriangleMesh, faces: NDArray[np.int64], around: NDArray[np.int64]
+) -> GrownChart: ...
 def most_padding(count: int) -> float: ...
 def pack(
     points: NDArray[np.float64],

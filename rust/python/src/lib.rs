@@ -66,6 +66,13 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(flatten::cut_chart, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::bff, module)?)?;
+    module.add_class::<flatten::GrownChart>()?;
+    module.add_function(wrap_pyfunction!(flatten::grow_chart, module)?)?;
+    module.add_function(wrap_pyfunction!(flatten::isometric, module)?)?;
+    module.add_function(wrap_pyfunction!(flatten::symmetric_dirichlet, module)?)?;
+    module.add_function(wrap_pyfunction!(flatten::in_plane, module)?)?;
+    module.add_function(wrap_pyfunction!(flatten::extend, module)?)?;
+    module.add_function(wrap_pyfunction!(flatten::faults, module)?)?;
     module.add_function(wrap_pyfunction!(packing::most_padding, module)?)?;
     module.add_function(wrap_pyfunction!(packing::pack, module)?)?;
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;

@@ -7,9 +7,9 @@ use super::charts::union;
 use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
-use super::polygon::{covered_twice, is_simple, turn};
 use super::random::mixed;
 use crate::error::Result;
+use crate::flatten::polygon::{covered_twice, is_simple, turn};
 use crate::parallel::Buffers;
 
 /// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts
