@@ -14,12 +14,14 @@ if TYPE_CHECKING:
     from .partitioning import Partition
     from .partitioning.partition import partition
     from .quality import QualityWarning
+    from .scene.scene import Scene, load_scene
     from .segmentation import (
         CollapsedError,
         Diagnostics,
         DisconnectedError,
         MergeTree,
         Progress,
+        SceneSegmentation,
         Segmentation,
         SegmentTree,
         StoppedError,
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from .segmentation.segment import segment
     from .surface import Surface
     from .transfer import Transfer
+    from .unwrapping import Unwrapped, unwrap
 
 __all__ = [
     "Atlas",
@@ -38,22 +41,27 @@ __all__ = [
     "Partition",
     "Progress",
     "QualityWarning",
+    "Scene",
+    "SceneSegmentation",
     "SegmentTree",
     "Segmentation",
     "StoppedError",
     "Surface",
     "Transfer",
+    "Unwrapped",
     "__version__",
     "build_atlas",
     "cut_along_seams",
     "datasets",
     "functionals",
     "load",
+    "load_scene",
     "partition",
     "remesh",
     "save_mesh",
     "save_ply",
     "segment",
+    "unwrap",
 ]
 
 # Where the names are that are imported when they are first asked for: all of the package takes
@@ -69,19 +77,24 @@ _MODULES = {
     "Partition": "partitioning",
     "Progress": "segmentation",
     "QualityWarning": "quality",
+    "Scene": "scene.scene",
+    "SceneSegmentation": "segmentation",
     "SegmentTree": "segmentation",
     "Segmentation": "segmentation",
     "StoppedError": "segmentation",
     "Surface": "surface",
     "Transfer": "transfer",
+    "Unwrapped": "unwrapping",
     "__version__": "_core",
     "build_atlas": "atlas",
     "cut_along_seams": "cutting",
     "load": "io",
+    "load_scene": "scene.scene",
     "partition": "partitioning",
     "save_mesh": "io",
     "save_ply": "io",
     "segment": "segmentation",
+    "unwrap": "unwrapping",
 }
 
 if not TYPE_CHECKING:

@@ -18,7 +18,7 @@ from ..files import write_bytes, write_files
 from ..partitioning import Partition
 from ..scene.gltf import glb, ruin_of_single_precision, translation
 from ..scene.obj import obj
-from ..segmentation import Segmentation, SegmentTree
+from ..segmentation import SceneSegmentation, Segmentation, SegmentTree
 from .bake import Texture, bake, blend_vertices, checker
 from .charts import Chart, Layout
 from .domains import blending_weights, domains, piece_domain, pieces, split
@@ -198,18 +198,18 @@ def build_atlas(
         less than a tenth of the mean texel density; the figures are in `diagnostics`.
     """
     segmentation = tree.at(tree.levels) if isinstance(tree, SegmentTree) else tree
-    if flatten is None:
-        flatten = "isometric" if isinstance(tree, Partition) else "bff"
-    if flatten not in FLATTENINGS:
+    if flatten not in (None, *FLATTENINGS):
         raise ValueError(f"flatten: {flatten!r} must be one of {FLATTENINGS}")
     check_packing(padding, resolution)
     count = segmentation.n_segments
-    thresholds: tuple[float, ...] = (min(0.02, 0.5 / count), *_NARROWER)
-    if threshold is not None:
-        if not 0 <= threshold < 1 / count:
-            raise ValueError(f"threshold: {threshold} must be in [0, 1 / {count})")
-        thresholds = (threshold,)
-    charts = _charts(segmentation, thresholds, flatten)
+    if threshold is not None and not 0 <= threshold < 1 / count:
+        raise ValueError(f"threshold: {threshold} must be in [0, 1 / {count})")
+    charts, n_split = _charts(segmentation, threshold, flatten)
+    if n_split:
+        quality.warn(
+            f"charts: {n_split} had to be split, as their maps turned faces over or covered points "
+            f"twice; {CURE}"
+        )
     uv = pack(charts, segmentation.surface.n_faces, padding=padding, resolution=resolution)
     atlas = Atlas(segmentation.surface, segmentation.labels, charts, uv)
     for flaw in atlas.diagnostics.sentences():
@@ -218,24 +218,53 @@ def build_atlas(
 
 
 def _charts(
-    segmentation: Segmentation, thresholds: Sequence[float], method: Flattening
-) -> tuple[Chart, ...]:
-    """Charts of all segments, each on the widest domain that suits its labelled faces."""
+    segmentation: Segmentation, threshold: float | None, method: Flattening | None
+) -> tuple[tuple[Chart, ...], int]:
+    """Charts of all segments, and how many had to be split.
+
+    Each is on the widest domain that suits its labelled faces. Those of the pieces of a scene are
+    made piece by piece.
+    """
+    if method is None and not isinstance(segmentation, SceneSegmentation):
+        method = "isometric" if isinstance(segmentation, Partition) else "bff"
     with ThreadPoolExecutor(os.cpu_count()) as pool:
+        if isinstance(segmentation, SceneSegmentation):
+            done = pool.map(lambda part: _charts(part, threshold, method), segmentation.parts)
+            return _of_scene(segmentation, list(done))
+        count = segmentation.n_segments
+        thresholds: tuple[float, ...] = (min(0.02, 0.5 / count), *_NARROWER)
+        if threshold is not None:
+            thresholds = (threshold,)
         found = list(
             pool.map(
-                lambda segment: _maps(segmentation, segment, thresholds, method),
-                range(segmentation.n_segments),
+                lambda segment: _maps(segmentation, segment, thresholds, method or "bff"),
+                range(count),
             )
         )
     maps = [mapped for of_segment, _ in found for mapped in of_segment]
-    if n_split := sum(count for _, count in found):
-        quality.warn(
-            f"charts: {n_split} had to be split, as their maps turned faces over or covered points "
-            f"twice; {CURE}"
-        )
     weights = blending_weights(segmentation, [mapped.domain for mapped in maps])
-    return tuple(chart(mapped, weight) for mapped, weight in zip(maps, weights, strict=True))
+    charts = tuple(chart(mapped, weight) for mapped, weight in zip(maps, weights, strict=True))
+    return charts, sum(n_split for _, n_split in found)
+
+
+def _of_scene(
+    segmentation: SceneSegmentation, done: Sequence[tuple[tuple[Chart, ...], int]]
+) -> tuple[tuple[Chart, ...], int]:
+    """The charts of the pieces as charts of their scene."""
+    charts: list[Chart] = []
+    first = 0
+    for piece, part, (found, _) in zip(segmentation.pieces, segmentation.parts, done, strict=True):
+        charts.extend(
+            replace(
+                each,
+                segment=each.segment + first,
+                faces=piece.faces[each.faces],
+                vertices=piece.vertices[each.vertices],
+            )
+            for each in found
+        )
+        first += part.n_segments
+    return tuple(charts), sum(n_split for _, n_split in done)
 
 
 def _maps(

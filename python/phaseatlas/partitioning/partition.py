@@ -8,10 +8,10 @@ in the `partition` module of the core.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Literal, get_args
+from typing import Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,8 @@ from .. import _core
 from ..arrays import Ints
 from ..coarsen import coarsen
 from ..quality import warn
-from ..segmentation import Segmentation, StoppedError
+from ..scene.scene import Scene
+from ..segmentation import SceneSegmentation, Segmentation, StoppedError
 from ..surface import Surface
 from ..transfer import Transfer
 
@@ -28,6 +29,9 @@ __all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 
 Effort = Literal["fast", "normal", "best"]
 
+# Distortion weight by default: on a smooth surface the energy is least where it is about a quarter
+# of the seam over the distortion, 400 to 1000.
+DISTORTION = 600.0
 # Perturbations; each of the first 20 gains about 0.3 % of the energy.
 _PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 32, "best": 160}
 # Perturbations between two looks at the clock and the keyboard.
@@ -142,16 +146,42 @@ class _Log:
         self.phases.append(phase)
 
 
-def partition(
-    surface: Surface,
+@overload
+def partition(  # type: ignore[overload-overlap]
+    surface: Scene,
     *,
-    distortion: float = 600.0,
+    distortion: float = DISTORTION,
     max_distortion: float | None = None,
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
     progress: Callable[[Phase], object] | None = None,
-) -> Partition:
+) -> SceneSegmentation: ...
+
+
+@overload
+def partition(
+    surface: Surface,
+    *,
+    distortion: float = DISTORTION,
+    max_distortion: float | None = None,
+    max_charts: int | None = None,
+    effort: Effort = "normal",
+    seed: int = 0,
+    progress: Callable[[Phase], object] | None = None,
+) -> Partition: ...
+
+
+def partition(
+    surface: Surface,
+    *,
+    distortion: float = DISTORTION,
+    max_distortion: float | None = None,
+    max_charts: int | None = None,
+    effort: Effort = "normal",
+    seed: int = 0,
+    progress: Callable[[Phase], object] | None = None,
+) -> Partition | SceneSegmentation:
     """Cut a surface into the charts that cost least in seam, cuts and distortion together.
 
     Every chart is connected, and a disk once it is cut along the cuts that are counted; its
@@ -159,7 +189,8 @@ def partition(
 
     Parameters
     ----------
-    surface : Surface
+    surface : Surface or Scene
+        The pieces of a scene are cut one by one.
     distortion : float, default 600
         Weight of the mean squared log scale against the length of the seams in roots of the area.
         400 to 1000 suit smooth surfaces; less gives fewer charts.
@@ -168,7 +199,7 @@ def partition(
         `distortion`.
     max_charts : int, optional
         Bound on the number of charts, which overrides `distortion` as well; where both bounds are
-        given and clash, this one holds.
+        given and clash, this one holds. Every piece of a scene has at least one.
     effort : {"fast", "normal", "best"}
         How many perturbations are tried.
     seed : int, default 0
@@ -178,8 +209,8 @@ def partition(
 
     Returns
     -------
-    Partition
-        Charts by area, the largest first.
+    Partition or SceneSegmentation
+        Charts by area, the largest first; of a scene, a partition of each piece.
 
     Raises
     ------
@@ -194,6 +225,52 @@ def partition(
         Where a bound is not met.
     """
     check_options(distortion, max_distortion, max_charts, effort, seed)
+
+    def of_piece(piece: Surface, most: int | None) -> Partition:
+        return _partition(piece, distortion, max_distortion, most, effort, seed, progress)
+
+    if not isinstance(surface, Scene):
+        return of_piece(surface, max_charts)
+    surfaces = [piece.surface for piece in surface.pieces]
+    parts = [of_piece(each, None) for each in surfaces]
+    if max_charts is not None:
+        bounds = _bounds([part.n_segments for part in parts], max_charts)
+        parts = [
+            part if part.n_segments <= bound else of_piece(part.surface, bound)
+            for part, bound in zip(parts, bounds, strict=True)
+        ]
+        if len(parts) > max_charts:
+            warn(
+                f"max_charts: {max_charts} is exceeded, there are {len(parts)} pieces and each has "
+                "at least one chart; a larger bound is met"
+            )
+    return SceneSegmentation(surface, parts)
+
+
+def _bounds(counts: Sequence[int], most: int) -> Sequence[int]:
+    """Share `most` charts out among pieces that want `counts`, at least one a piece."""
+    wanted = np.array(counts) - 1
+    room = max(most - len(counts), 0)
+    if wanted.sum() <= room:
+        return counts
+    exact = wanted * (room / wanted.sum())
+    given = np.floor(exact).astype(np.int64)
+    rest = np.argsort(given - exact, kind="stable")[: room - int(given.sum())]
+    given[rest] += 1
+    bounds: list[int] = (given + 1).tolist()
+    return bounds
+
+
+def _partition(
+    surface: Surface,
+    distortion: float,
+    max_distortion: float | None,
+    max_charts: int | None,
+    effort: Effort,
+    seed: int,
+    progress: Callable[[Phase], object] | None,
+) -> Partition:
+    """Partition one piece."""
     log = _Log([], perf_counter(), progress)
     transfers = _simplifications(surface)
     surfaces = [*(transfer.target for transfer in transfers), surface]
@@ -333,7 +410,7 @@ def _by_area(labels: Ints, surface: Surface) -> Ints:
 
 
 def check_options(
-    distortion: float = 600.0,
+    distortion: float = DISTORTION,
     max_distortion: float | None = None,
     max_charts: int | None = None,
     effort: str = "normal",

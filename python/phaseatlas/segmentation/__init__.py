@@ -6,6 +6,7 @@ of.
 
 from .node import CollapsedError, Diagnostics, DisconnectedError, Progress, StoppedError
 from .options import Options
+from .scene import SceneSegmentation
 from .segment import segment
 from .segmentation import MergeTree, Segmentation
 from .tree import SegmentTree, TreeNode
@@ -17,6 +18,7 @@ __all__ = [
     "MergeTree",
     "Options",
     "Progress",
+    "SceneSegmentation",
     "SegmentTree",
     "Segmentation",
     "StoppedError",

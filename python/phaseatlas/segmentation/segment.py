@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +15,12 @@ from .. import quality
 from ..arrays import Floats
 from ..functionals import indicator
 from ..optimise import AreaConstraint, Solver, Status
+from ..scene.scene import Scene
 from ..surface import Surface
 from .bisect import bisect
 from .node import Diagnostics, Node, Progress, Report, Split, StoppedError
 from .options import Initial, Law, Options, Widths
+from .scene import SceneSegmentation, leaves_of_pieces
 from .tree import MAX_LEVELS, SegmentTree, children, front, outline, paths
 
 __all__ = ["segment"]
@@ -26,6 +29,11 @@ __all__ = ["segment"]
 _SHARP_MISS = 0.01
 
 
+@overload
+def segment(surface: Scene, levels: int | None = None, **options: Any) -> SceneSegmentation: ...  # type: ignore[overload-overlap]
+
+
+@overload
 def segment(
     surface: Surface,
     levels: int | None = None,
@@ -49,7 +57,33 @@ def segment(
     coarse: bool = Options.coarse,
     executor: Executor | None = None,
     progress: Report | None = None,
-) -> SegmentTree:
+) -> SegmentTree: ...
+
+
+def segment(  # type: ignore[misc]
+    surface: Surface,
+    levels: int | None = None,
+    *,
+    shares: Sequence[float] | None = None,
+    epsilon: float | None = Options.epsilon,
+    epsilon_start: float | None = Options.epsilon_start,
+    connected: bool = Options.connected,
+    kappa: float = Options.kappa,
+    delta: float | None = Options.delta,
+    eta: float = Options.eta,
+    sigma: float = Options.sigma,
+    area: AreaConstraint = Options.area,
+    penalty: float = Options.penalty,
+    distortion: float = Options.distortion,
+    law: Law = Options.law,
+    initial: Initial | ArrayLike = Options.initial,
+    seed: int = Options.seed,
+    solver: Solver = Options.solver,
+    max_iterations: int = Options.max_iterations,
+    coarse: bool = Options.coarse,
+    executor: Executor | None = None,
+    progress: Report | None = None,
+) -> SegmentTree | SceneSegmentation:
     """Cut a surface into segments of equal area, or of given shares, by recursive bisection.
 
     Each node minimises the perimeter of its interface and, if asked for, connectedness and
@@ -57,8 +91,9 @@ def segment(
 
     Parameters
     ----------
-    surface : Surface
-        What to cut. It is scaled to unit area first.
+    surface : Surface or Scene
+        What to cut. It is scaled to unit area first. The segments of a scene are given out to its
+        pieces by area, at least one each; those of a piece have equal areas.
     levels : int, optional
         Depth of the binary tree of halves, 2**levels segments; 1 by default.
     shares : sequence of float, optional
@@ -78,7 +113,8 @@ seed, solver, max_iterations, coarse
 
     Returns
     -------
-    SegmentTree
+    SegmentTree or SceneSegmentation
+        Of a scene, with a tree of each piece that is cut.
 
     Raises
     ------
@@ -115,7 +151,32 @@ seed, solver, max_iterations, coarse
         max_iterations=max_iterations,
         coarse=coarse,
     )
-    parts = _parts(surface, levels, shares)
+    if not isinstance(surface, Scene):
+        parts = _parts(surface, levels, shares)
+        return _tree(surface, parts, options, initial, executor, progress)
+    if shares is not None:
+        raise ValueError("shares: value must be left out for a scene")
+    if not isinstance(initial, str):
+        raise ValueError("initial: value must be a name for a scene")
+    _check_levels(levels)
+    surfaces = [piece.surface for piece in surface.pieces]
+    counts = leaves_of_pieces(surfaces, 2 ** (1 if levels is None else levels))
+    trees = [
+        _tree(piece, [1.0] * count, options, initial, executor, progress) if count > 1 else None
+        for piece, count in zip(surfaces, counts, strict=True)
+    ]
+    return SceneSegmentation.of_trees(surface, trees)
+
+
+def _tree(
+    surface: Surface,
+    parts: Sequence[float],
+    options: Options,
+    initial: Initial | ArrayLike,
+    executor: Executor | None,
+    progress: Report | None,
+) -> SegmentTree:
+    """Cut a surface into segments whose areas are in proportion to `parts`."""
     widths = options.widths(surface)
     length = float(np.sqrt(surface.area))
     if widths.epsilon * length < surface.mean_edge_length:
@@ -186,13 +247,16 @@ def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None)
                 f"shares: {len(parts)} asks for more segments than {surface.n_faces} faces"
             )
         return parts.tolist()  # type: ignore[no-any-return]
-    levels = 1 if levels is None else levels
-    if levels not in range(1, MAX_LEVELS + 1):
-        raise ValueError(f"levels: {levels!r} must be a whole number in 1..{MAX_LEVELS}")
-    levels = int(levels)
+    _check_levels(levels)
+    levels = 1 if levels is None else int(levels)
     if 2**levels > surface.n_faces:
         raise ValueError(f"levels: {levels} asks for more segments than {surface.n_faces} faces")
     return [1.0] * 2**levels
+
+
+def _check_levels(levels: int | None) -> None:
+    if levels is not None and levels not in range(1, MAX_LEVELS + 1):
+        raise ValueError(f"levels: {levels!r} must be a whole number in 1..{MAX_LEVELS}")
 
 
 def _given_fields(

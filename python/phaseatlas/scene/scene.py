@@ -1,0 +1,210 @@
+"""Scenes: the pieces of surface that polygons are made of, and the way back to their corners."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Floats, Ints
+from ..surface import Surface
+from .document import read_document
+from .mesh import Mesh
+from .repair import Component, Repaired, components, repair
+
+__all__ = ["Scene", "SceneMesh", "load_scene", "polygons_of", "scene_of"]
+
+# What a seam along a diagonal of a polygon costs for its length: more than any way around, whose
+# length is a few thousand times that of an edge at most.
+_DIAGONAL = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMesh:
+    """A mesh of a scene.
+
+    Attributes
+    ----------
+    name : str
+        As in the file; empty where it has none.
+    repaired : Repaired
+        Its faces, in the units of the scene, and the way back to its corners.
+    first_face, first_vertex : int
+        Of the scene.
+    """
+
+    name: str
+    repaired: Repaired
+    first_face: int
+    first_vertex: int
+
+
+class Scene(Surface):
+    """Pieces of surface that share an atlas: all faces of one or several meshes.
+
+    It is a surface that need not hang together. Meshes of polygons are repaired: see
+    `scene.repair`. A mesh with several instances is here once, with the transform of the largest.
+
+    Attributes
+    ----------
+    meshes : tuple of SceneMesh
+        In the order of the file.
+    pieces : tuple of Component
+        The connected parts, mesh by mesh: each a surface, with its faces and vertices as faces and
+        vertices of the scene.
+    """
+
+    meshes: tuple[SceneMesh, ...]
+    pieces: tuple[Component, ...]
+
+    def __init__(self, meshes: Sequence[tuple[str, Repaired]]) -> None:
+        placed, pieces = [], []
+        first_face = first_vertex = 0
+        for name, repaired in meshes:
+            placed.append(SceneMesh(name, repaired, first_face, first_vertex))
+            costs = np.where(repaired.inner, _DIAGONAL, 1.0)
+            for part in components(repaired):
+                surface = part.surface
+                if repaired.inner[part.faces].any():
+                    surface = surface.with_seam_costs(costs[part.faces])
+                pieces.append(
+                    Component(surface, part.faces + first_face, part.vertices + first_vertex)
+                )
+            first_face += len(repaired.faces)
+            first_vertex += len(repaired.vertices)
+        if not pieces:
+            raise ValueError("faces: no face has an area")
+        self.meshes, self.pieces = tuple(placed), tuple(pieces)
+        inner = np.concatenate([mesh.repaired.inner for mesh in placed])
+        self._build(
+            np.concatenate([mesh.repaired.vertices for mesh in placed]),
+            np.concatenate([mesh.repaired.faces + mesh.first_vertex for mesh in placed]),
+            accepted=True,
+            pieces=True,
+            seam_costs=np.where(inner, _DIAGONAL, 1.0) if inner.any() else None,
+        )
+
+    def __repr__(self) -> str:
+        return (
+            f"Scene({len(self.meshes)} meshes, {len(self.pieces)} pieces, "
+            f"{self.n_vertices} vertices, {self.n_faces} faces)"
+        )
+
+    def __reduce__(self) -> tuple[type[Scene], tuple[list[tuple[str, Repaired]]]]:
+        return Scene, ([(mesh.name, mesh.repaired) for mesh in self.meshes],)
+
+    @property
+    def genus(self) -> int:
+        """Sum of the genera of the pieces."""
+        return sum(piece.surface.genus for piece in self.pieces)
+
+    def corners(self, uv: ArrayLike) -> list[Floats]:
+        """Carry values at the corners of the faces back to all corners of each mesh.
+
+        Parameters
+        ----------
+        uv : (m, 3, 2) array_like of float
+            Texture coordinates at the corners of each face.
+
+        Returns
+        -------
+        list of (c, 2) arrays
+            One a mesh, in the order of its corners.
+        """
+        array = np.asarray(uv, dtype=np.float64)
+        return [
+            mesh.repaired.corners(array[mesh.first_face :][: len(mesh.repaired.faces)])
+            for mesh in self.meshes
+        ]
+
+    def polygon_values(self, values: Ints) -> list[Ints]:
+        """Carry a value of each face back to the polygons of each mesh; -1 where there is no face.
+
+        Parameters
+        ----------
+        values : (m,) array of int
+        """
+        found = []
+        for mesh in self.meshes:
+            face = mesh.repaired.polygon_face
+            of_faces = values[mesh.first_face :][: len(mesh.repaired.faces)]
+            found.append(np.where(face >= 0, np.append(of_faces, -1)[face], -1))
+        return found
+
+
+def load_scene(path: str | PathLike[str], *, weld: float = 0.0) -> Scene:
+    """Read all meshes of a file, whatever their polygons are like.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        A GLB, glTF, OBJ, PLY, STL or OFF file.
+    weld : float, default 0
+        Join vertices nearer than this, too, in the units of the scene.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError
+        For a file that cannot be read or holds no surface; the message starts with its name.
+    FileNotFoundError, IsADirectoryError
+        For a missing file and for a folder.
+    """
+    try:
+        return scene_of(read_document(path).meshes, weld=weld)
+    except ValueError as error:
+        message = str(error)
+        raise ValueError(
+            message if message.startswith(str(path)) else f"{path}: {message}"
+        ) from error
+
+
+def scene_of(meshes: Sequence[Mesh], *, weld: float = 0.0) -> Scene:
+    """Repair meshes and put them into one scene."""
+    return Scene(
+        [(mesh.name, repair(_placed(mesh), mesh.corners, mesh.sizes, weld=weld)) for mesh in meshes]
+    )
+
+
+def polygons_of(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Ints, Ints]:
+    """Corners of polygons, one after the other, and their number of each.
+
+    Parameters
+    ----------
+    faces : (p, k) array_like of int, or sequence of sequences of int
+        Vertices of each polygon.
+
+    Raises
+    ------
+    ValueError
+        For indices that are no integers.
+    """
+    if isinstance(faces, np.ndarray):
+        if faces.ndim != 2:
+            raise ValueError(f"faces: shape {faces.shape} must be (p, k)")
+        sizes = np.full(len(faces), faces.shape[1])
+        corners = faces.reshape(-1)
+    else:
+        listed = [np.asarray(face).reshape(-1) for face in faces]  # type: ignore[union-attr]
+        sizes = np.array([len(face) for face in listed], dtype=np.int64)
+        corners = np.concatenate(listed) if listed else np.zeros(0, dtype=np.int64)
+    if corners.size and not np.issubdtype(corners.dtype, np.integer):
+        raise ValueError(f"faces: dtype {corners.dtype} must be an integer type")
+    return corners.astype(np.int64), sizes.astype(np.int64)
+
+
+def _placed(mesh: Mesh) -> Floats:
+    """Positions as the largest instance has them."""
+    sizes = np.abs(np.linalg.det(mesh.transforms[:, :3, :3]))
+    largest = mesh.transforms[int(np.argmax(sizes))]
+    # An instance that is shrunk to nothing has the shape that the mesh has.
+    if not (np.isfinite(largest).all() and sizes.max() > 0):
+        return mesh.positions
+    placed: Floats = mesh.positions @ largest[:3, :3].T + largest[:3, 3]
+    return placed

@@ -1,0 +1,82 @@
+"""A segmentation of several pieces of surface."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .segmentation import Segmentation
+from .tree import SegmentTree
+
+if TYPE_CHECKING:
+    from ..scene.repair import Component
+    from ..scene.scene import Scene
+    from ..surface import Surface
+
+__all__ = ["SceneSegmentation", "leaves_of_pieces"]
+
+
+class SceneSegmentation(Segmentation):
+    """A segmentation of each piece of a scene, the segments numbered piece by piece.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the pieces.
+    parts : sequence of Segmentation
+        One of each piece.
+    trees : sequence of SegmentTree or None
+        The trees whose leaves the parts are; None for a piece that is one segment.
+    """
+
+    pieces: tuple[Component, ...]
+    parts: tuple[Segmentation, ...]
+    trees: tuple[SegmentTree | None, ...]
+
+    def __init__(
+        self,
+        scene: Scene,
+        parts: Sequence[Segmentation],
+        trees: Sequence[SegmentTree | None] = (),
+    ) -> None:
+        labels = np.empty(scene.n_faces, dtype=np.int64)
+        first = 0
+        for piece, part in zip(scene.pieces, parts, strict=True):
+            labels[piece.faces] = part.labels + first
+            first += part.n_segments
+        super().__init__(scene, labels)
+        object.__setattr__(self, "pieces", scene.pieces)
+        object.__setattr__(self, "parts", tuple(parts))
+        object.__setattr__(self, "trees", tuple(trees))
+
+    @classmethod
+    def of_trees(cls, scene: Scene, trees: Sequence[SegmentTree | None]) -> SceneSegmentation:
+        """Take the leaves of a tree of each piece, or the piece as one segment."""
+        parts = [
+            Segmentation(piece.surface, np.zeros(piece.surface.n_faces, dtype=np.int64))
+            if tree is None
+            else tree.at(tree.levels)
+            for piece, tree in zip(scene.pieces, trees, strict=True)
+        ]
+        return cls(scene, parts, trees)
+
+
+def leaves_of_pieces(surfaces: Sequence[Surface], count: int) -> list[int]:
+    """Give `count` segments out to pieces, at least one each, to keep the largest one small.
+
+    A piece never gets more segments than it has faces.
+    """
+    counts = [1] * len(surfaces)
+    room = [(-surface.area, k) for k, surface in enumerate(surfaces) if surface.n_faces > 1]
+    heapq.heapify(room)
+    for _ in range(count - len(surfaces)):
+        if not room:
+            break
+        _, k = heapq.heappop(room)
+        counts[k] += 1
+        if counts[k] < surfaces[k].n_faces:
+            heapq.heappush(room, (-surfaces[k].area / counts[k], k))
+    return counts
