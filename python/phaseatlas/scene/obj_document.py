@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -75,17 +76,29 @@ class ObjSource:
 
     def corners(self, index: int) -> Corners:
         """Texture coordinates, normals and colours at the corners of a mesh."""
-        _, texture, normal = corner_indices(self.text)
         place = self.places[index]
-        uv = _looked_up(numbers(self.text, TEXTURE, 2), texture[place])
-        normals = _looked_up(numbers(self.text, NORMAL, 3), normal[place])
+        uv, normals, colours = (
+            None if table is None else table.values[table.index[place]] for table in self._tables
+        )
+        if uv is not None and np.isnan(uv).all():
+            uv = None
+        if normals is not None and np.isnan(normals).all():
+            normals = None
+        return Corners(() if uv is None else (uv,), normals, colours)
+
+    @cached_property
+    def _tables(self) -> tuple[_Table | None, _Table | None, _Table | None]:
+        """Texture coordinates, normals and colours of the file; all meshes look into them."""
+        _, texture, normal = corner_indices(self.text)
         colours = None
-        if self.meshes[index].vertex_colours:
-            rows = numbers(self.text, VERTEX, 6)[self.vertices[place], 3:]
+        if any(mesh.vertex_colours for mesh in self.meshes):
+            rows = numbers(self.text, VERTEX, 6)[:, 3:]
             if np.nanmax(rows, initial=0.0) > 1:
                 rows = rows / 255.0
-            colours = np.nan_to_num(np.column_stack([rows, np.ones(len(rows))]), nan=1.0)
-        return Corners(() if uv is None else (uv,), normals, colours)
+            rows = np.nan_to_num(np.column_stack([rows, np.ones(len(rows))]), nan=1.0)
+            colours = _Table(rows, self.vertices)
+        uv = _table(numbers(self.text, TEXTURE, 2), texture)
+        return uv, _table(numbers(self.text, NORMAL, 3), normal), colours
 
     def rewrite(
         self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
@@ -149,12 +162,19 @@ def free_stem(path: Path, named: Sequence[Path]) -> str:
     return stem
 
 
-def _looked_up(values: Floats, index: Ints) -> Floats | None:
-    """Rows at the corners, NaN where there are none; None where there are none at all."""
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Rows of values, and the row of each corner of the file."""
+
+    values: Floats
+    index: Ints
+
+
+def _table(values: Floats, index: Ints) -> _Table | None:
+    """A table with NaN for corners of index -1; None where all are that."""
     if not len(values) or (index < 0).all():
         return None
-    rows: Floats = np.concatenate([values, np.full((1, values.shape[1]), np.nan)])[index]
-    return rows
+    return _Table(np.concatenate([values, np.full((1, values.shape[1]), np.nan)]), index)
 
 
 def read_obj_source(path: Path) -> ObjSource:
