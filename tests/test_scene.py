@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from PIL import Image
 
 import gltf_samples as samples
@@ -281,6 +283,24 @@ def test_world_matrices_of_instances(tmp_path):
     np.testing.assert_allclose(mesh.transforms[order], expected, atol=1e-12)
 
 
+def test_instances_on_the_graphics_card(tmp_path):
+    build = samples.Builder()
+    points = build.add(np.eye(3, dtype=np.float32))
+    places = np.array([[0, 0, 1], [0, 2, 0]], dtype=np.float32)
+    attributes = {"TRANSLATION": build.add(places)}
+    node = {"mesh": 0, "scale": [3, 3, 3]}
+    node["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+    surface = {"primitives": [{"attributes": {"POSITION": points}}]}
+    before = build.document(meshes=[surface], nodes=[node]), build.blob
+    document = read_document(written(tmp_path / "a.glb", samples.glb(*before)))
+    (mesh,) = document.meshes
+    np.testing.assert_array_equal(mesh.transforms[:, :3, 3], 3 * places)
+    document.save(tmp_path / "b.glb", [hashed(mesh)])
+    after = samples.parse((tmp_path / "b.glb").read_bytes())
+    assert after[0]["nodes"] == before[0]["nodes"]
+    np.testing.assert_array_equal(samples.values(*after, attributes["TRANSLATION"]), places)
+
+
 def test_gltf_with_files_beside_it(tmp_path):
     document, blob = samples.character()
     view = document["bufferViews"][document["images"][0]["bufferView"]]
@@ -437,7 +457,7 @@ v 0 0 1
 o second
 v 1 0 1
 v 1 1 1
-usemtl blue
+usemtl blue # not red
 f -1/-1/-1 -2/-2/-1 \\
   -3/-1/-1
 f 5//1 6//1 7//1 1//1 2//1
@@ -750,6 +770,37 @@ def test_what_holds_no_surface_is_refused(tmp_path, name, content, reason):
     assert refusal(written(tmp_path / name, content)).startswith(reason)
 
 
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".ply", ".PLY", ".off", ".stl"])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(places=st.lists(st.tuples(st.floats(0, 1), st.binary(max_size=3), st.integers(0, 9))))
+def test_a_damaged_file_is_read_or_refused_in_one_line(tmp_path, suffix, places):
+    data = {
+        ".glb": samples.glb(*samples.character()),
+        ".obj": TEXT.encode(),
+        ".ply": ply_bytes("binary_little_endian"),
+        ".PLY": ply_bytes("ascii"),
+        ".off": b"OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n",
+        ".stl": trimesh.creation.box().export(file_type="stl"),
+    }[suffix]
+    for place, put, gone in places:
+        at = int(place * len(data))
+        data = data[:at] + put + data[at + gone :]
+    path = written(tmp_path / f"a{suffix}", data)
+    message = None
+    try:
+        document = read_document(path)
+    except ValueError as error:
+        message = str(error)
+    if message is not None:
+        assert message.startswith(f"{path}: ")
+        assert len(message.splitlines()) == 1
+        return
+    for target in ("b.glb", "b.obj"):
+        document.save(tmp_path / target, [hashed(mesh) for mesh in document.meshes])
+
+
 # From one format to another
 
 
@@ -888,6 +939,21 @@ def test_concave_polygons_are_cut_inside():
 
 
 # Files as people have them
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("cases/draco.glb", "its compression, the glTF extension KHR_draco_mesh_compression"),
+        ("corpus/assimp__BoxWithInfinites.glb", "vertex 0 of mesh 'Mesh' is not finite"),
+        ("corpus/trimesh__empty_nodes.glb", "an empty scene: there is no mesh"),
+        ("corpus/trimesh__points_ascii.ply", "no faces: 5 points alone"),
+    ],
+)
+def test_shared_file_without_a_surface(name, reason):
+    if not (SHARED / name).is_file():
+        pytest.skip(f"{name} is not in {SHARED}")
+    assert refusal(SHARED / name).startswith(reason)
 
 
 @each_shared_file

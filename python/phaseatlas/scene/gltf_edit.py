@@ -47,7 +47,7 @@ def with_uv(
         For each mesh, v up.
     image : (h, w, 3) array of uint8, optional
         Base colour of all materials of the meshes, seen through the new coordinates; their factor
-        becomes 1. Other textures stay.
+        becomes 1. Other textures stay, and so do colours of vertices, which multiply it.
     uv_set : int, optional
         Set to write. By default the new coordinates become set 0, and the old sets and what uses
         them move up by one.
@@ -101,12 +101,11 @@ def _make_room(document: Json) -> None:
         for primitive in mesh.get("primitives", []):
             attributes = primitive["attributes"]
             targets = primitive.get("targets", [])
-            names = uv_names(primitive)
             for holder in (attributes, *targets):
-                for k in range(len(names) - 1, -1, -1):
-                    if names[k] in holder:
-                        holder[f"TEXCOORD_{k + 1}"] = holder.pop(names[k])
-            if names:
+                sets = [int(name[9:]) for name in holder if name.startswith("TEXCOORD_")]
+                for k in sorted(sets, reverse=True):
+                    holder[f"TEXCOORD_{k + 1}"] = holder.pop(f"TEXCOORD_{k}")
+            if "TEXCOORD_1" in attributes:
                 # Points and lines have no new ones, and sets follow each other from 0.
                 attributes["TEXCOORD_0"] = attributes["TEXCOORD_1"]
             _shift(primitive.get("extensions", {}))

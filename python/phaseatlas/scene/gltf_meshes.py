@@ -130,7 +130,9 @@ def _transforms(gltf: Gltf) -> dict[int, Floats]:
     found: dict[int, list[Floats]] = {}
     for k, node in enumerate(nodes):
         if "mesh" in node and k in world:
-            found.setdefault(node["mesh"], []).append(_posed(gltf, node, world, world[k]))
+            posed = _posed(gltf, node, world, world[k])
+            copies = [posed @ matrix for matrix in _copies(gltf, node)]
+            found.setdefault(node["mesh"], []).extend(copies)
     return {mesh: np.stack(matrices) for mesh, matrices in found.items()}
 
 
@@ -143,6 +145,20 @@ def _posed(gltf: Gltf, node: Json, world: dict[int, Floats], own: Floats) -> Flo
     if "inverseBindMatrices" in skin:
         joint = joint @ decoded(gltf, skin["inverseBindMatrices"])[0].reshape(4, 4).T
     return joint
+
+
+def _copies(gltf: Gltf, node: Json) -> list[Floats]:
+    """Matrices of the copies that a node makes of its mesh; one of itself as a rule."""
+    extension = node.get("extensions", {}).get("EXT_mesh_gpu_instancing", {})
+    columns = {
+        name.lower(): decoded(gltf, accessor)
+        for name, accessor in extension.get("attributes", {}).items()
+        if name in ("TRANSLATION", "ROTATION", "SCALE")
+    }
+    if not columns:
+        return [np.eye(4)]
+    count = min(len(values) for values in columns.values())
+    return [_matrix({name: values[k] for name, values in columns.items()}) for k in range(count)]
 
 
 def _matrix(node: Json) -> Floats:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -75,17 +76,29 @@ class ObjSource:
 
     def corners(self, index: int) -> Corners:
         """Texture coordinates, normals and colours at the corners of a mesh."""
-        _, texture, normal = corner_indices(self.text)
         place = self.places[index]
-        uv = _looked_up(numbers(self.text, TEXTURE, 2), texture[place])
-        normals = _looked_up(numbers(self.text, NORMAL, 3), normal[place])
+        uv, normals, colours = (
+            None if table is None else table.values[table.index[place]] for table in self._tables
+        )
+        if uv is not None and np.isnan(uv).all():
+            uv = None
+        if normals is not None and np.isnan(normals).all():
+            normals = None
+        return Corners(() if uv is None else (uv,), normals, colours)
+
+    @cached_property
+    def _tables(self) -> tuple[_Table | None, _Table | None, _Table | None]:
+        """Texture coordinates, normals and colours of the file; all meshes look into them."""
+        _, texture, normal = corner_indices(self.text)
         colours = None
-        if self.meshes[index].vertex_colours:
-            rows = numbers(self.text, VERTEX, 6)[self.vertices[place], 3:]
+        if any(mesh.vertex_colours for mesh in self.meshes):
+            rows = numbers(self.text, VERTEX, 6)[:, 3:]
             if np.nanmax(rows, initial=0.0) > 1:
                 rows = rows / 255.0
-            colours = np.nan_to_num(np.column_stack([rows, np.ones(len(rows))]), nan=1.0)
-        return Corners(() if uv is None else (uv,), normals, colours)
+            rows = np.nan_to_num(np.column_stack([rows, np.ones(len(rows))]), nan=1.0)
+            colours = _Table(rows, self.vertices)
+        uv = _table(numbers(self.text, TEXTURE, 2), texture)
+        return uv, _table(numbers(self.text, NORMAL, 3), normal), colours
 
     def rewrite(
         self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
@@ -149,12 +162,19 @@ def free_stem(path: Path, named: Sequence[Path]) -> str:
     return stem
 
 
-def _looked_up(values: Floats, index: Ints) -> Floats | None:
-    """Rows at the corners, NaN where there are none; None where there are none at all."""
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Rows of values, and the row of each corner of the file."""
+
+    values: Floats
+    index: Ints
+
+
+def _table(values: Floats, index: Ints) -> _Table | None:
+    """A table with NaN for corners of index -1; None where all are that."""
     if not len(values) or (index < 0).all():
         return None
-    rows: Floats = np.concatenate([values, np.full((1, values.shape[1]), np.nan)])[index]
-    return rows
+    return _Table(np.concatenate([values, np.full((1, values.shape[1]), np.nan)]), index)
 
 
 def read_obj_source(path: Path) -> ObjSource:
@@ -188,34 +208,64 @@ def read_obj_source(path: Path) -> ObjSource:
     colours = _coloured(text, own)
     uv_sets = int(_textured(text, lines))
     meshes, places = [], []
-    for number in np.unique(object_of):
-        faces = object_of == number
-        place = np.flatnonzero(np.repeat(faces, sizes))
-        corners, local = vertices[place], positions
-        if not faces.all():
-            used = np.zeros(len(positions), dtype=np.bool_)
-            used[vertices] = True
-            kept = (owner == number) & ~used
-            kept[corners] = True
-            local = positions[kept]
-            corners = (np.cumsum(kept) - 1)[corners]
-        of = material_of[faces]
+    for part in _objects(positions, vertices, sizes, object_of, owner):
+        of = material_of[part.faces]
         meshes.append(
             Mesh(
-                name=objects[number] if number >= 0 else "",
-                positions=local,
-                corners=corners,
-                sizes=sizes[faces],
+                name=objects[part.number] if part.number >= 0 else "",
+                positions=part.positions,
+                corners=part.corners,
+                sizes=sizes[part.faces],
                 material_of=of,
                 materials=tuple(names[k] for k in np.unique(of[of >= 0])),
                 uv_sets=uv_sets,
                 vertex_colours=colours,
             )
         )
-        places.append(place)
+        places.append(part.places)
     return ObjSource(
         text, path.parent, tuple(meshes), tuple(places), vertices, materials, libraries
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Object:
+    """Faces of an object, its corners among those of the file, and its own vertices."""
+
+    number: int
+    faces: Ints
+    places: Ints
+    positions: Floats
+    corners: Ints
+
+
+def _objects(
+    positions: Floats, vertices: Ints, sizes: Ints, object_of: Ints, owner: Ints
+) -> Iterator[_Object]:
+    """Objects with the vertices that they use, and those of their own that no face uses."""
+    numbers, first = np.unique(object_of, return_index=True)
+    if len(numbers) <= 1:
+        if len(numbers):
+            faces, places = np.arange(len(sizes)), np.arange(len(vertices))
+            yield _Object(int(numbers[0]), faces, places, positions, vertices)
+        return
+    loose = np.ones(len(positions), dtype=np.bool_)
+    loose[vertices] = False
+    rest = np.flatnonzero(loose)
+    n = len(positions)
+    of_corner = np.repeat(object_of, sizes)
+    keys, local = np.unique(
+        np.concatenate([of_corner * n + vertices, owner[rest] * n + rest]), return_inverse=True
+    )
+    local = local.reshape(-1)[: len(vertices)]
+    faces, places = np.argsort(object_of, kind="stable"), np.argsort(of_corner, kind="stable")
+    face_numbers, corner_numbers = object_of[faces], of_corner[places]
+    # Objects stand in the order of their first faces.
+    for number in numbers[np.argsort(first)].tolist():
+        begin, end = np.searchsorted(keys, [number * n, (number + 1) * n])
+        own = faces[slice(*np.searchsorted(face_numbers, [number, number + 1]))]
+        place = places[slice(*np.searchsorted(corner_numbers, [number, number + 1]))]
+        yield _Object(number, own, place, positions[keys[begin:end] % n], local[place] - begin)
 
 
 def _library_names(whole: str, folder: Path) -> list[str]:

@@ -150,7 +150,8 @@ def statements(text: ObjText, words: tuple[bytes, ...]) -> Iterator[tuple[int, b
         if b"\t" in word:
             word, _, rest = content.strip().partition(b"\t")
         if word in words:
-            yield line, word, rest.strip()
+            # A name may hold a hash, but not after a blank.
+            yield line, word, rest.replace(b"\t#", b" #").partition(b" #")[0].strip()
 
 
 def numbers(text: ObjText, kind: int, width: int) -> Floats:
