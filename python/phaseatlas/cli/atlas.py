@@ -9,16 +9,19 @@ import typer
 
 from . import options
 from .output import check_output
-from .process import UsageError
-from .report import phases, say_metrics, say_partition, say_tree
+from .process import UsageError, say
+from .report import phases, say_metrics, say_segmentation
 from .segment import segmented
 
 if TYPE_CHECKING:
     from ..arrays import Bytes
     from ..partitioning import Partition
+    from ..segmentation import SceneSegmentation
     from ..surface import Surface
 
 __all__ = ["atlas", "partitioned"]
+
+_SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 
 # What is said for --texture to have the checker of the library.
 _CHECKER = Path("checker")
@@ -31,7 +34,7 @@ def atlas(
     context: typer.Context,
     mesh: options.Mesh,
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="OUT.glb, or OUT.obj with its .mtl and .png.")
+        Path, typer.Option("-o", "--output", help="OUT.glb, .gltf, .obj, or .ply of such a file.")
     ],
     distortion: options.AtlasDistortion = None,
     max_distortion: options.MaxDistortion = None,
@@ -39,8 +42,11 @@ def atlas(
     effort: options.Effort = "normal",
     seed: options.Seed = 0,
     flatten: options.Flatten = None,
+    weld: options.Weld = 0.0,
+    uv_set: options.UvSet = None,
     texture: options.Texture = None,
     resolution: options.Resolution = 1024,
+    padding: options.Padding = 4,
     levels: options.AtlasLevels = None,
     connected: options.Connected = True,
     law: options.Formulation = "sharp",
@@ -50,64 +56,73 @@ def atlas(
     initial: options.Initial = "auto",
     strict: options.Strict = False,
 ) -> None:
-    """Cut a mesh into charts, flatten them and write it with a texture.
+    """Give all meshes of a file one atlas: cut them into charts and write them with their places.
 
-    The charts are those of least energy, few and of short seams; with --levels they are the
-    segments of equal area of the binary tree, to which --connected, --law, --area, --epsilon,
-    --solver and --initial belong.
+    The file keeps all else that it holds. The charts are those of least energy, few and of short
+    seams; with --levels they are the segments of equal area of the binary tree, to which
+    --connected, --law, --area, --epsilon, --solver and --initial belong.
     """
     _check_ways(context, levels)
     given = texture if texture is not None and texture != _CHECKER else None
-    check_output(output, [mesh] if given is None else [mesh, given], ".glb", ".obj")
-    from ..atlas import build_atlas
+    check_output(output, [mesh] if given is None else [mesh, given], *_SUFFIXES)
     from ..atlas.bake import check_resolution
+    from ..atlas.packing import check_packing
+    from ..scene.document import read_document
+    from ..scene.scene import scene_of
 
     check_resolution(resolution)
-    image = None if given is None else _read_image(given)
+    check_packing(padding, resolution)
+    picture = None if given is None else _read_image(given)
+    ways: dict[str, Any] = {"seed": seed}
+    if distortion is not None:
+        ways["distortion"] = distortion
     if levels is None:
-        bounds: dict[str, Any] = {} if distortion is None else {"distortion": distortion}
-        bounds |= {"max_distortion": max_distortion, "max_charts": max_charts}
-        partition = partitioned(mesh, effort=effort, seed=seed, **bounds)
-        charts = build_atlas(partition, flatten=flatten, resolution=resolution)
+        ways |= {"max_distortion": max_distortion, "max_charts": max_charts, "effort": effort}
     else:
-        tree = segmented(
-            mesh,
-            levels,
-            connected=connected,
-            distortion=0.0 if distortion is None else distortion,
-            law=law,
-            area=area,
-            epsilon=epsilon,
-            solver=solver,
-            initial=initial,
-            seed=seed,
-        )
-        charts = build_atlas(tree, flatten=flatten, resolution=resolution)
-    charts.save(output, texture=image, resolution=resolution)
-    if levels is None:
-        say_partition(partition)
-    else:
-        say_tree(tree)
+        ways |= {"connected": connected, "law": law, "area": area, "epsilon": epsilon}
+        ways |= {"solver": solver, "initial": initial}
+    _check_options(levels, ways)
+    document = read_document(mesh)
+    scene = scene_of(document.meshes, weld=weld)
+    from ..atlas import build_atlas
+
+    segmentation = (
+        partitioned(scene, **ways) if levels is None else segmented(scene, levels, **ways)
+    )
+    method = flatten or ("bff" if levels is not None else "isometric")
+    charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
+    image = None if texture is None else charts.bake(picture, resolution=resolution)
+    for note in document.save(output, scene.corners(charts.uv), image=image, uv_set=uv_set):
+        say(f"note: {note}")
+    say_segmentation(segmentation)
     say_metrics(charts)
 
 
-def partitioned(mesh: Path | Surface, **options: Any) -> Partition:
-    """Cut a surface or what a file holds into charts; the progress is shown on a terminal.
+def partitioned(surface: Surface, **options: Any) -> Partition | SceneSegmentation:
+    """Cut a surface into charts; the progress is shown on a terminal.
 
     Parameters
     ----------
-    mesh : Path or Surface
-        What to cut; a file is read after the options are checked.
+    surface : Surface
     **options
         Of the library's `partition`.
     """
-    from ..io import load
-    from ..partitioning import check_options, partition
+    from ..partitioning import partition
 
-    check_options(**options)
-    surface = load(mesh) if isinstance(mesh, Path) else mesh
     with phases() as report:
         return partition(surface, progress=report, **options)
+
+
+def _check_options(levels: int | None, ways: dict[str, Any]) -> None:
+    """Refuse options before a file is read."""
+    if levels is None:
+        from ..partitioning import check_options
+
+        check_options(**ways)
+    else:
+        from ..segmentation import Options
+
+        Options(**ways)
 
 
 def _check_ways(context: typer.Context, levels: int | None) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from . import options
 from .atlas import partitioned
 from .process import say
-from .report import say_metrics, say_partition, say_tree
+from .report import say_metrics, say_segmentation, say_tree
 from .segment import segmented
 
 __all__ = ["demo"]
@@ -51,7 +51,7 @@ def demo(
     plot.segments(surface, tree.weights, folder / "segments.png")
     lap("textures and pictures")
     say("The charts of least energy, and their atlas:")
-    say_partition(partition)
+    say_segmentation(partition)
     say_metrics(atlas)
     say("", f"The {2**levels} segments of equal area, and the atlas of their blended charts:")
     say_tree(tree)

@@ -25,15 +25,18 @@ __all__ = [
     "MaxCharts",
     "MaxDistortion",
     "Mesh",
+    "Padding",
     "Resolution",
     "Seed",
     "Solver",
     "Strict",
     "Texture",
+    "UvSet",
+    "Weld",
 ]
 
 Mesh = Annotated[
-    Path, typer.Argument(metavar="MESH", help="Triangle mesh: OBJ, PLY, STL, OFF, GLB, ...")
+    Path, typer.Argument(metavar="MESH", help="Mesh: OBJ, PLY, STL, OFF, GLB or glTF.")
 ]
 Folder = Annotated[
     Path, typer.Argument(metavar="[FOLDER]", help="Where to write; made where missing.")
@@ -117,8 +120,20 @@ Texture = Annotated[
     Path | None,
     typer.Option(
         help="Image repeated over the charts and blended, or the word checker.",
-        show_default="checker",
+        show_default="no texture",
     ),
+]
+Padding = Annotated[int, typer.Option(help="Least distance between charts in texels.", min=0)]
+UvSet = Annotated[
+    int | None,
+    typer.Option(
+        help="Set of texture coordinates to write in a glTF file, the others stay.",
+        show_default="0, the old sets move up by one",
+        min=0,
+    ),
+]
+Weld = Annotated[
+    float, typer.Option(help="Join vertices nearer than this, in the units of the mesh.", min=0.0)
 ]
 Resolution = Annotated[
     int, typer.Option(help="Side of the baked texture in texels.", min=32, max=16384)

@@ -12,11 +12,11 @@ from .process import say
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
-    from ..partitioning import Partition, Phase
-    from ..segmentation import Progress, SegmentTree
+    from ..partitioning import Phase
+    from ..segmentation import Progress, Segmentation, SegmentTree
     from ..surface import Surface
 
-__all__ = ["phases", "progress", "say_metrics", "say_partition", "say_surface", "say_tree"]
+__all__ = ["phases", "progress", "say_metrics", "say_segmentation", "say_surface", "say_tree"]
 
 # What is drawn of a state: how much is done of how much, and words; without a total the bar pulses.
 _Drawn = tuple[int, int | None, str]
@@ -122,15 +122,40 @@ def say_tree(tree: SegmentTree) -> None:
             )
 
 
-def say_partition(partition: Partition) -> None:
-    """Print the charts of a partition: what was minimised and what it is made of."""
-    last = partition.diagnostics[-1]
-    shares = ", ".join(f"{100 * share:.2g}" for share in partition.areas / partition.surface.area)
+def say_segmentation(segmentation: Segmentation) -> None:
+    """Print the charts of a partition, the segments of a tree, or how many each piece has."""
+    from ..segmentation import SceneSegmentation
+
+    parts = segmentation.parts if isinstance(segmentation, SceneSegmentation) else ()
+    trees = segmentation.trees if isinstance(segmentation, SceneSegmentation) else ()
+    if len(parts) > 1:
+        _say_pieces(segmentation, parts)
+    elif trees and trees[0] is not None:
+        say_tree(trees[0])
+    else:
+        _say_charts(parts[0] if parts else segmentation)
+
+
+def _say_charts(part: Segmentation) -> None:
+    """Print what was minimised and what it is made of."""
+    from ..partitioning import Partition
+
+    shares = ", ".join(f"{100 * share:.2g}" for share in part.areas / part.surface.area)
+    say(f"charts {part.n_segments}, shares of the area {shares} %")
+    if isinstance(part, Partition):
+        last = part.diagnostics[-1]
+        say(
+            f"energy {last.energy:.4g}, seam {last.seam:.4g} sqrt(area), cuts {last.cuts:.4g} "
+            f"sqrt(area), root mean square log scale {math.sqrt(last.distortion):.3g}, "
+            f"{last.seconds:.2f} s"
+        )
+
+
+def _say_pieces(segmentation: Segmentation, parts: Sequence[Segmentation]) -> None:
+    shares = segmentation.areas / segmentation.surface.area
     say(
-        f"charts {last.n_charts}, shares of the area {shares} %",
-        f"energy {last.energy:.4g}, seam {last.seam:.4g} sqrt(area), cuts {last.cuts:.4g} "
-        f"sqrt(area), root mean square log scale {math.sqrt(last.distortion):.3g}, "
-        f"{last.seconds:.2f} s",
+        f"pieces {len(parts)}, segments {segmentation.n_segments}, shares of the area "
+        f"{100 * shares.min():.2g} to {100 * shares.max():.2g} %"
     )
 
 

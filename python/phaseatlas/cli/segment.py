@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import typer
 
@@ -12,7 +12,8 @@ from .output import check_output
 from .report import progress, say_tree
 
 if TYPE_CHECKING:
-    from ..segmentation import SegmentTree
+    from ..scene.scene import Scene
+    from ..segmentation import SceneSegmentation, SegmentTree
     from ..surface import Surface
 
 __all__ = ["segment", "segmented"]
@@ -37,20 +38,21 @@ def segment(
 ) -> None:
     """Segment a mesh into 2^levels connected segments of equal area."""
     check_output(output, [mesh], ".npz", ".ply")
-    from ..io import save_ply
+    from ..io import load, save_ply
+    from ..segmentation import Options
 
-    tree = segmented(
-        mesh,
-        levels,
-        connected=connected,
-        distortion=distortion,
-        law=law,
-        area=area,
-        epsilon=epsilon,
-        solver=solver,
-        initial=initial,
-        seed=seed,
-    )
+    others: dict[str, Any] = {
+        "connected": connected,
+        "distortion": distortion,
+        "law": law,
+        "area": area,
+        "epsilon": epsilon,
+        "solver": solver,
+        "initial": initial,
+        "seed": seed,
+    }
+    Options(**others)
+    tree = segmented(load(mesh), levels, **others)
     if output.suffix.lower() == ".npz":
         tree.save(output)
     else:
@@ -58,22 +60,27 @@ def segment(
     say_tree(tree)
 
 
-def segmented(mesh: Path | Surface, levels: int, **others: Any) -> SegmentTree:
-    """Segment a surface or what a file holds; the progress is shown on a terminal.
+@overload
+def segmented(surface: Scene, levels: int, **others: Any) -> SceneSegmentation: ...
+
+
+@overload
+def segmented(surface: Surface, levels: int, **others: Any) -> SegmentTree: ...
+
+
+def segmented(surface: Surface, levels: int, **others: Any) -> SegmentTree | SceneSegmentation:
+    """Segment a surface or the pieces of a scene; the progress is shown on a terminal.
 
     Parameters
     ----------
-    mesh : Path or Surface
-        What to segment; a file is read after the options are checked.
+    surface : Surface or Scene
+        What to segment.
     levels : int
         Depth of the tree.
     **others
         More options of the library's `segment`.
     """
-    from ..io import load
-    from ..segmentation import Options, segment
+    from ..segmentation import segment
 
-    Options(**others)
-    surface = load(mesh) if isinstance(mesh, Path) else mesh
     with progress(levels) as report:
         return segment(surface, levels, progress=report, **others)
