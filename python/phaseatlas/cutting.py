@@ -13,9 +13,9 @@ from .transfer import Transfer
 
 __all__ = ["cut_along_seams"]
 
-
-# Seams of partitions of real meshes get 2.5 to 6 % shorter, and the energy falls on each. With 20
-# charts come to overlap themselves; with 0 seams get 5 to 12 % shorter, but the energy rises.
+# Of partitions of eight real meshes seams get 2.5 to 6 % shorter, and on each the energy falls, but
+# for its cuts, which jump. With 20 a chart came to overlap itself; with 0 seams get 3 to 12 %
+# shorter, but on three meshes the energy rises.
 _CURVATURE = 30.0
 
 
@@ -57,7 +57,6 @@ def cut_along_seams(
         raise ValueError(f"curvature: {curvature} must be a finite number of at least 0")
     surface = segmentation.surface
     seams = straighten(surface, segmentation.labels, curvature)
-    faces, origin, labels = _pieces(surface, segmentation.labels, seams)
     n, p = surface.n_vertices, len(seams.place)
     forward = scipy.sparse.csr_array(
         (
@@ -69,7 +68,9 @@ def cut_along_seams(
         ),
         shape=(n + p, n),
     )
-    target = Surface(forward @ surface.vertices, faces)
+    positions = forward @ surface.vertices
+    faces, origin, labels = _pieces(surface, segmentation.labels, seams, positions)
+    target = Surface(positions, faces)
     backward = scipy.sparse.eye_array(n, n + p, format="csr")
     weights = None
     if segmentation.weights_given:
@@ -81,15 +82,10 @@ def cut_along_seams(
     )
 
 
-def _pieces(surface: Surface, labels: Ints, seams: Seams) -> tuple[Ints, Ints, Ints]:
+def _pieces(
+    surface: Surface, labels: Ints, seams: Seams, positions: Floats
+) -> tuple[Ints, Ints, Ints]:
     """All faces, the face that each is a part of, and its label, in the order of these faces."""
-    positions = np.concatenate(
-        [
-            surface.vertices,
-            (1 - seams.place[:, None]) * surface.vertices[seams.ends[:, 0]]
-            + seams.place[:, None] * surface.vertices[seams.ends[:, 1]],
-        ]
-    )
     whole = np.flatnonzero(seams.keys == 0)
     faces, origins, of = [surface.faces[whole]], [whole], [labels[whole]]
     for key in np.unique(seams.keys[seams.keys > 0]):
