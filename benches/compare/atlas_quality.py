@@ -67,7 +67,8 @@ def with_xatlas(surface: pa.Surface) -> Uv:
     options.padding, options.resolution = 4, 1024
     atlas.generate(pack_options=options)
     _, faces, uv = atlas[0]
-    return uv[faces].astype(np.float64)
+    corners: Uv = uv[faces].astype(np.float64)
+    return corners
 
 
 def with_uvunwrap(surface: pa.Surface) -> Uv:

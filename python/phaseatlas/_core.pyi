@@ -39,6 +39,7 @@ __all__ = [
     "rasterize",
     "sample",
     "symmetric_dirichlet",
+    "triangulate",
 ]
 
 __version__: str
@@ -227,6 +228,9 @@ def rasterize(
 def nearest(
     uv: NDArray[np.float64], heights: NDArray[np.float64], resolution: int
 ) -> NDArray[np.int32]: ...
+def triangulate(
+    positions: NDArray[np.float64], corners: NDArray[np.int64], sizes: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]: ...
 def parse_obj(
     text: bytes,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]: ...

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Ints
+from .. import _core
+from ..arrays import Floats, Ints
 
 __all__ = ["split_corners", "split_vertices", "starts_of", "triangulate", "walk"]
 
@@ -138,10 +139,7 @@ def _bits(values: NDArray[Any]) -> list[Ints]:
 
 
 def triangulate(positions: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Ints]:
-    """Cut polygons into triangles without new vertices.
-
-    Quads are cut along the diagonal that folds them less, convex polygons into fans, others ear by
-    ear.
+    """Cut polygons into triangles without new vertices, as `repair` does.
 
     Parameters
     ----------
@@ -150,7 +148,7 @@ def triangulate(positions: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, In
     corners : (c,) array of int
         Vertices of all polygons.
     sizes : (p,) array of int
-        Corners of each, three or more.
+        Corners of each.
 
     Returns
     -------
@@ -159,75 +157,7 @@ def triangulate(positions: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, In
     polygon : (t,) array of int
         Polygon of each triangle.
     """
-    starts = starts_of(sizes)
-    polygon = np.repeat(np.arange(len(sizes)), sizes - 2)
-    step = np.arange(len(polygon)) - np.repeat(starts_of(sizes - 2), sizes - 2)
-    first = starts[polygon]
-    triangles = np.stack([first, first + step + 1, first + step + 2], axis=1)
-    if sizes.max(initial=3) == 3:
-        return triangles, polygon
-    points = positions[corners]
-    folded = _folded(points, triangles, polygon, sizes)
-    quads = np.flatnonzero((sizes == 4) & folded)
-    if len(quads):
-        other = starts[quads][:, None] + np.array([1, 2, 3, 1, 3, 0])
-        at = starts_of(sizes - 2)[quads]
-        triangles[at], triangles[at + 1] = other[:, :3], other[:, 3:]
-    for index in np.flatnonzero((sizes > 4) & folded):
-        at = starts_of(sizes - 2)[index]
-        ears = _ears(points[starts[index] : starts[index] + sizes[index]])
-        triangles[at : at + len(ears)] = starts[index] + ears
+    polygon, triangles = _core.triangulate(
+        np.ascontiguousarray(positions), np.ascontiguousarray(corners), np.ascontiguousarray(sizes)
+    )
     return triangles, polygon
-
-
-def _folded(points: Floats, triangles: Ints, polygon: Ints, sizes: Ints) -> Bools:
-    """Polygons whose fan has a triangle that looks away from the polygon."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    whole = np.add.reduceat(normals, starts_of(sizes - 2), axis=0)
-    away = np.einsum("ij,ij->i", normals, whole[polygon]) <= 0
-    folded: Bools = np.logical_or.reduceat(away, starts_of(sizes - 2))
-    return folded
-
-
-def _ears(points: Floats) -> Ints:
-    """Triangles (n - 2, 3) of one polygon, seen along its normal."""
-    n = len(points)
-    centred = points - points.mean(axis=0)
-    normal = np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
-    axis = int(np.argmax(np.abs(normal)))
-    u, v = (axis + 1) % 3, (axis + 2) % 3
-    flat = centred[:, [u, v]] if normal[axis] >= 0 else centred[:, [v, u]]
-    left = list(range(n))
-    ears = []
-    while len(left) > 3:
-        ears.append(_ear(flat, left))
-    ears.append((left[0], left[1], left[2]))
-    return np.array(ears, dtype=np.int64)
-
-
-def _ear(flat: Floats, left: list[int]) -> tuple[int, int, int]:
-    """Cut the fattest ear off; a corner of a polygon without ears, which crosses itself."""
-    ring = np.array(left)
-    a, b, c = flat[np.roll(ring, 1)], flat[ring], flat[np.roll(ring, -1)]
-    area = _cross(b - a, c - b)
-    size = np.sqrt(((c - a) ** 2).sum(axis=1)) + 1e-300
-    # No other corner inside.
-    p = flat[ring][None]
-    inside = np.ones((len(ring), len(ring)), dtype=np.bool_)
-    for s, e in ((a, b), (b, c), (c, a)):
-        inside &= _cross((e - s)[:, None], p - s[:, None]) >= 0
-    k = np.arange(len(ring))
-    for shift in (-1, 0, 1):
-        inside[k, (k + shift) % len(ring)] = False
-    legal = (area > 0) & ~inside.any(axis=1)
-    score = np.where(legal, area / size, -np.inf if legal.any() else area / size)
-    at = int(np.argmax(score))
-    ear = (int(ring[at - 1]), int(ring[at]), int(ring[(at + 1) % len(ring)]))
-    left.pop(at)
-    return ear
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    product: Floats = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product

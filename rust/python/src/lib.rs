@@ -79,6 +79,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(raster::nearest, module)?)?;
     module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;
     module.add_class::<repair::Repair>()?;
+    module.add_function(wrap_pyfunction!(repair::triangulate, module)?)?;
     module.add_class::<bake::Bake>()?;
     module.add_function(wrap_pyfunction!(bake::sample, module)?)?;
     module.add_function(wrap_pyfunction!(memory::available_memory, module)?)?;

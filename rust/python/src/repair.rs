@@ -128,3 +128,21 @@ impl Repair {
         Ok(counts)
     }
 }
+
+/// Polygons cut into triangles: the polygon of each, and its places in `corners`.
+#[pyfunction]
+pub fn triangulate<'py>(
+    py: Python<'py>,
+    positions: PyReadonlyArray2<'_, f64>,
+    corners: PyReadonlyArray1<'_, i64>,
+    sizes: PyReadonlyArray1<'_, i64>,
+) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<i64>>)> {
+    let positions = rows::<3, f64>("positions", &positions)?;
+    let (corners, sizes) = (corners.as_slice()?, sizes.as_slice()?);
+    let (polygon, triangles) =
+        detached(py, || repair::triangulate(&positions, corners, sizes))?.map_err(to_python)?;
+    Ok((
+        PyArray1::from_vec(py, indices(polygon.into_iter())),
+        triples(py, triangles.into_iter())?,
+    ))
+}

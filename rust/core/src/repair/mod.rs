@@ -415,6 +415,28 @@ fn check_sizes(sizes: Option<&[i64]>, corners: usize) -> Result<Option<Vec<u32>>
     Ok(Some(ends))
 }
 
+/// Cuts polygons into triangles without new vertices, as [`repair`] does.
+///
+/// Returns the polygon of each triangle, and its places in `corners`.
+///
+/// # Errors
+/// As [`repair`].
+pub fn triangulate(
+    positions: &[[f64; 3]],
+    corners: &[i64],
+    sizes: &[i64],
+) -> Result<(Vec<u32>, Vec<[u32; 3]>)> {
+    let (named, used) = check_corners(positions, corners)?;
+    let ends = check_sizes(Some(sizes), corners.len())?;
+    let first = weld::weld(positions, &used, 0.0);
+    let vertices: Vec<u32> = named.iter().map(|&v| first[v as usize]).collect();
+    let outline = Outline {
+        positions,
+        vertices: &vertices,
+    };
+    Ok(triangles(outline, ends.as_deref(), corners.len()))
+}
+
 /// Polygon and corners of all triangles.
 fn triangles(
     outline: Outline<'_>,
