@@ -73,8 +73,8 @@ Seed = Annotated[int, typer.Option(help="Seed of the random start.")]
 
 # Of the atlas.
 Flatten = Annotated[
-    Literal["bff", "lscm"],
-    typer.Option(help="Chart map: boundary-first, or least-squares conformal."),
+    Literal["isometric", "bff", "lscm"],
+    typer.Option(help="Chart map: isometric, boundary-first, or least-squares conformal."),
 ]
 Texture = Annotated[
     Path | None,
