@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from fractions import Fraction
 
 import numpy as np
 import scipy.linalg
@@ -684,3 +685,79 @@ def boundary_loop_count(faces):
             v = after.pop(v)
         count += 1
     return count
+
+
+# --------------------------------------------------------------------------------------------------
+# maps to the plane
+# --------------------------------------------------------------------------------------------------
+
+
+def symmetric_dirichlet(vertices, faces, uv):
+    """Mean of |J|^2 + |J^-1|^2 + 1.25 (|J|^2 / det J - 2) over the area, and its gradient in uv."""
+
+    def energy(uv):
+        total = area = 0.0
+        for face in faces:
+            p, q = vertices[face], uv[face]
+            a, b = p[1] - p[0], p[2] - p[0]
+            x = a / np.linalg.norm(a)
+            y = np.cross(np.cross(a, b), x)
+            y /= np.linalg.norm(y)
+            solid = np.array([[a @ x, b @ x], [a @ y, b @ y]])
+            flat = np.array([q[1] - q[0], q[2] - q[0]]).T
+            jacobian = flat @ np.linalg.inv(solid)
+            inverse = np.linalg.inv(jacobian)
+            determinant = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
+            square = (jacobian**2).sum()
+            share = np.linalg.det(solid) / 2
+            total += share * (square + (inverse**2).sum() + 1.25 * (square / determinant - 2))
+            area += share
+        return total / area
+
+    gradient = np.zeros(uv.shape)
+    for index in np.ndindex(uv.shape):
+        moved = uv.astype(complex)
+        moved[index] += 1e-30j
+        gradient[index] = energy(moved).imag / 1e-30
+    return energy(uv), gradient
+
+
+def is_bijection(triangles, uv):
+    """Whether all faces turn left and no two sides of the boundary have a point in common.
+
+    By fractions, each pair of sides; sides with a common vertex may meet there.
+    """
+    points = [(Fraction(float(x)), Fraction(float(y))) for x, y in uv]
+
+    def turn(a, b, c):
+        (ax, ay), (bx, by), (cx, cy) = points[a], points[b], points[c]
+        return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+    def on(a, b, p):
+        inside = all(
+            min(points[a][k], points[b][k]) <= points[p][k] <= max(points[a][k], points[b][k])
+            for k in range(2)
+        )
+        return turn(a, b, p) == 0 and inside
+
+    def meet(a, b, c, d):
+        if any(on(*three) for three in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))):
+            return True
+        return turn(a, b, c) * turn(a, b, d) < 0 and turn(c, d, a) * turn(c, d, b) < 0
+
+    if any(turn(*face) <= 0 for face in triangles):
+        return False
+    sides = {(f[k], f[(k + 1) % 3]) for f in triangles for k in range(3)}
+    rim = sorted(side for side in sides if side[::-1] not in sides)
+    for i, (a, b) in enumerate(rim):
+        for c, d in rim[:i]:
+            common = {a, b} & {c, d}
+            if not common:
+                if meet(a, b, c, d):
+                    return False
+            else:
+                (p,) = {a, b} - common
+                (q,) = {c, d} - common
+                if on(a, b, q) or on(c, d, p):
+                    return False
+    return True

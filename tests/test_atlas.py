@@ -64,7 +64,11 @@ def check_charts(tree, atlas):
     for chart in atlas.charts:
         assert is_disk(chart.triangles)
         np.testing.assert_array_equal(chart.vertices[chart.triangles], surface.faces[chart.faces])
-        np.testing.assert_array_equal(tree.labels[chart.faces] == chart.segment, chart.labelled)
+        own = tree.labels[chart.faces] == chart.segment
+        assert own[chart.labelled].all()
+        # A segment that is split has several charts, each with faces of the others around it.
+        if sum(other.segment == chart.segment for other in atlas.charts) == 1:
+            np.testing.assert_array_equal(own, chart.labelled)
         assert np.isfinite(chart.uv).all()
         assert chart.weights.min() >= 0.0
         # The copies of a vertex on a cut carry the same weight, which counts once.
@@ -268,7 +272,7 @@ def segmentations(draw):
 
 
 @settings(deadline=None, max_examples=40, derandomize=True, database=None)
-@given(segmentations(), st.sampled_from(["bff", "lscm"]))
+@given(segmentations(), st.sampled_from(["bff", "lscm", "isometric"]))
 def test_charts_of_random_segments_never_fail(segmentation, flatten):
     with warnings.catch_warnings():
         # Coarse charts may overlap themselves, which is said.

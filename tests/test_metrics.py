@@ -54,6 +54,7 @@ def test_isometric_sheet():
         "l2": 1.0,
         "degenerate": 0,
         "flips": 0,
+        "crossing": 0,
         "overlap": 0.0,
         "packing": 100.0,
     }

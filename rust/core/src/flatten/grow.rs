@@ -203,9 +203,9 @@ impl<'a> Rim<'a> {
     fn finish(self) -> Result<Grown> {
         let mut places = vec![NONE; self.vertices.len()];
         let mut vertices = Vec::new();
-        for v in 0..self.vertices.len() {
+        for (v, place) in places.iter_mut().enumerate() {
             if self.joined[v] as usize == v {
-                places[v] = vertices.len() as u32;
+                *place = vertices.len() as u32;
                 vertices.push(self.vertices[v]);
             }
         }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::bff::bff;
 use super::contact::{Barrier, Contact};
-use super::dirichlet::{Elements, Matrix2};
+use super::dirichlet::{Elements, LEAST, Matrix2};
 use super::disk::boundary_of_disk;
 use super::polygon::{Point, is_simple, turn};
 use super::tutte::tutte;
@@ -72,7 +72,7 @@ pub fn isometric(mesh: &TriangleMesh) -> Result<Vec<Point>> {
     let unit = mesh.area().sqrt();
     let elements = Elements::new(mesh, unit);
     let mut uv: Vec<Point> = start.iter().map(|p| p.map(|x| x / unit)).collect();
-    let [squares, inverses] = elements.parts(&uv);
+    let [squares, inverses, _] = elements.parts(&uv);
     let scale = (inverses / squares).sqrt().sqrt();
     if !scale.is_finite() {
         return Ok(start);
@@ -145,7 +145,7 @@ fn minimise(
         };
         let gain = energy - trial_energy;
         (uv, elastic, energy) = (trial, trial_elastic, trial_energy);
-        if gain <= REST * (elastic - 4.0) + ROUNDING {
+        if gain <= REST * (elastic - LEAST) + ROUNDING {
             break;
         }
     }
@@ -286,14 +286,12 @@ impl Newton {
     fn add_pair(&mut self, pair: usize, a: u32, b: u32, block: Matrix2) {
         let v = a.min(b) as usize;
         let k = pair - self.starts[v];
-        for axis in 0..2 {
+        // Rows of the lower triangle belong to the higher vertex.
+        let block = if a < b { block } else { transposed(block) };
+        for (axis, row) in block.iter().enumerate() {
             let place = self.column(v, axis) + 2 - axis + 2 * k;
-            for r in 0..2 {
-                self.values[place + r] += if a < b {
-                    block[axis][r]
-                } else {
-                    block[r][axis]
-                };
+            for (value, added) in self.values[place..place + 2].iter_mut().zip(row) {
+                *value += added;
             }
         }
     }
@@ -365,6 +363,10 @@ impl Newton {
     }
 }
 
+fn transposed([[a, b], [c, d]]: Matrix2) -> Matrix2 {
+    [[a, c], [b, d]]
+}
+
 fn ordered(a: u32, b: u32) -> (u32, u32) {
     (a.min(b), a.max(b))
 }
@@ -379,7 +381,7 @@ mod tests {
         let mesh = grid(14, 9, |x, _| (3.0 * x).min(1.0));
         let uv = isometric(&mesh).unwrap();
         let elements = Elements::new(&mesh, 1.0);
-        assert!((elements.energy(&uv) - 4.0).abs() < 1e-12);
+        assert!((elements.energy(&uv) - LEAST).abs() < 1e-12);
     }
 
     #[test]
@@ -391,8 +393,8 @@ mod tests {
         let elements = Elements::new(&mesh, unit);
         let energy = |uv: &[Point]| {
             let relative: Vec<Point> = uv.iter().map(|p| p.map(|x| x / unit)).collect();
-            let [squares, inverses] = elements.parts(&relative);
-            2.0 * (squares * inverses).sqrt() - 4.0
+            let [squares, inverses, angles] = elements.parts(&relative);
+            2.0 * (squares * inverses).sqrt() + angles - LEAST
         };
         let (before, after) = (
             energy(&bff(&mesh).unwrap().uv),
