@@ -17,7 +17,7 @@ from phaseatlas.partitioning import Phase
 
 def figures(surface: pa.Surface, labels: np.ndarray, distortion: float = 600.0) -> dict:
     core = _core.Partition(surface._mesh, distortion)
-    core.set_labels(np.ascontiguousarray(labels, dtype=np.int64), 0.0)
+    core.set_labels(np.ascontiguousarray(labels, dtype=np.int64))
     names = ["energy", "seam", "cuts", "distortion", "overlap", "smallest", "charts", "overlapping"]
     return dict(zip(names, core.figures(), strict=True))
 

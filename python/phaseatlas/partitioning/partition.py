@@ -31,7 +31,7 @@ _PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 32, "best": 160}
 # Perturbations between two looks at the clock and the keyboard.
 _BATCH = 4
 # Faces of the surface of the first phases, and its first cells.
-_COARSE_FACES = 4000
+_COARSE_FACES = 2500
 _CELLS = 60
 # Faces of a surface against those of the next coarser one.
 _RATIO = 4
@@ -228,8 +228,7 @@ def _search(
 def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: _Log) -> None:
     """Relax labels that come from a simplified surface."""
     core.allow_overlap()
-    core.set_labels(labels, _REACH)
-    core.join_small()
+    core.take_labels(labels, _REACH)
     log.close(_descend(core, surface, "refine", log))
 
 
@@ -237,6 +236,8 @@ def _repair(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
     """See to it that no chart overlaps itself and none is tiny."""
     core.forbid_overlap()
     for k in range(_REPAIRS):
+        if log.note("repair", surface, core).n_overlapping == 0:
+            break
         # Where it takes little, the boundaries alone can do it.
         core.sweep()
         if core.split_failing(2 + k // 2) == 0:

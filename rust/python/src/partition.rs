@@ -25,14 +25,19 @@ impl Partition {
         })
     }
 
-    fn set_labels(
+    fn set_labels(&mut self, py: Python<'_>, labels: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
+        let labels = labels.as_slice()?;
+        detached(py, || self.core.set_labels(labels))?.map_err(to_python)
+    }
+
+    fn take_labels(
         &mut self,
         py: Python<'_>,
         labels: PyReadonlyArray1<'_, i64>,
         reach: f64,
     ) -> PyResult<()> {
         let labels = labels.as_slice()?;
-        detached(py, || self.core.set_labels(labels, reach))?.map_err(to_python)
+        detached(py, || self.core.take_labels(labels, reach))?.map_err(to_python)
     }
 
     fn set_cells(&mut self, py: Python<'_>, count: usize) -> PyResult<()> {
@@ -55,10 +60,6 @@ impl Partition {
             f.charts,
             f.overlapping,
         )
-    }
-
-    fn join_small(&mut self, py: Python<'_>) -> PyResult<()> {
-        detached(py, || self.core.join_small())
     }
 
     fn merge(&mut self, py: Python<'_>) -> PyResult<()> {

@@ -102,7 +102,24 @@ pub(super) struct Chart {
     pub faces: Vec<u32>,
     pub hash: u128,
     pub terms: Terms,
+    /// What is left of the computation of the terms, until the sensitivity has been asked for.
+    solution: Mutex<Option<Solution>>,
     sensitivity: OnceLock<Vec<f64>>,
+}
+
+/// A chart as a disk, the factor of its stiffness, its log scale.
+struct Solution {
+    disk: Disk,
+    factor: Factor,
+    log_scale: Vec<f64>,
+}
+
+impl std::fmt::Debug for Solution {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Solution")
+            .field("log_scale", &self.log_scale)
+            .finish_non_exhaustive()
+    }
 }
 
 /// The surface, and the energies of all charts that have been asked for.
@@ -137,14 +154,15 @@ impl Energies {
     /// The chart of sorted, connected faces.
     pub fn chart(&self, faces: Vec<u32>, rule: &Rule) -> Arc<Chart> {
         let hash = Self::hash(&faces);
-        let terms = self
+        let (terms, solution) = self
             .known(hash)
             .filter(|terms| rule.is_certain(terms))
-            .unwrap_or_else(|| self.evaluate(hash, &faces, rule));
+            .map_or_else(|| self.evaluate(hash, &faces, rule), |terms| (terms, None));
         Arc::new(Chart {
             hash,
             terms,
             faces,
+            solution: Mutex::new(solution),
             sensitivity: OnceLock::new(),
         })
     }
@@ -162,15 +180,15 @@ impl Energies {
         let cost = match self.known(hash) {
             Some(terms) if rule.least_cost(&terms) >= limit => return None,
             Some(terms) if rule.is_certain(&terms) => rule.cost(&terms),
-            _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule)),
+            _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule).0),
         };
         (cost < limit).then_some(cost)
     }
 
-    fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> Terms {
-        let terms = self.with_marks(|marks| terms(&self.geometry, faces, rule.injective, marks));
-        lock(&self.known[hash as usize % SHARDS]).insert(hash, terms);
-        terms
+    fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> (Terms, Option<Solution>) {
+        let found = self.with_marks(|marks| terms(&self.geometry, faces, rule.injective, marks));
+        lock(&self.known[hash as usize % SHARDS]).insert(hash, found.0);
+        found
     }
 
     /// Change of the distortion of a chart for each area that it gains at its boundary: grad s .
@@ -178,7 +196,9 @@ impl Energies {
     /// -lap p = 2 s.
     pub fn sensitivity<'a>(&self, chart: &'a Chart) -> &'a [f64] {
         chart.sensitivity.get_or_init(|| {
-            let values = self.with_marks(|m| sensitivity(&self.geometry, &chart.faces, m));
+            let solution = lock(&chart.solution).take();
+            let values =
+                self.with_marks(|marks| sensitivity(&self.geometry, &chart.faces, solution, marks));
             values.unwrap_or_else(|| vec![0.0; chart.faces.len()])
         })
     }
@@ -194,12 +214,17 @@ pub(super) fn face_hash(face: u32) -> u128 {
     u128::from(high) << 64 | u128::from(low)
 }
 
-fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Marks) -> Terms {
+fn terms(
+    geometry: &Geometry,
+    faces: &[u32],
+    count_flips: bool,
+    marks: &mut Marks,
+) -> (Terms, Option<Solution>) {
     let area = geometry.area_of(faces);
     let (shape, disk) = match Disk::open(geometry, faces, marks) {
         Opened::Disk(disk) => (disk.shape, Some(disk)),
         Opened::Planar(shape) => {
-            return Terms {
+            let terms = Terms {
                 area,
                 euler_characteristic: shape.euler_characteristic,
                 perimeter: shape.perimeter,
@@ -209,6 +234,7 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
                 simple: true,
                 flips: Some(0),
             };
+            return (terms, None);
         }
         Opened::Closed(shape) => (shape, None),
     };
@@ -222,12 +248,14 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
         simple: false,
         flips: None,
     };
-    let Some(disk) = disk else { return terms };
-    let Ok(mut factor) = factor(geometry, &disk, marks) else {
-        return terms;
-    };
-    let Ok(log_scale) = log_scale(geometry, &disk, &mut factor) else {
-        return terms;
+    let solution = disk.and_then(|disk| Solution::new(geometry, disk, marks));
+    let Some(Solution {
+        disk,
+        mut factor,
+        log_scale,
+    }) = solution
+    else {
+        return (terms, None);
     };
     let boundary = flat_boundary(geometry, &disk, &log_scale, marks);
     terms.distortion = disk
@@ -246,7 +274,25 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
         terms.distortion = f64::INFINITY;
         terms.simple = false;
     }
-    terms
+    let solution = Solution {
+        disk,
+        factor,
+        log_scale,
+    };
+    (terms, Some(solution))
+}
+
+impl Solution {
+    /// None where the numbers do not allow one.
+    fn new(geometry: &Geometry, disk: Disk, marks: &Marks) -> Option<Self> {
+        let mut factor = factor(geometry, &disk, marks).ok()?;
+        let log_scale = log_scale(geometry, &disk, &mut factor).ok()?;
+        Some(Self {
+            disk,
+            factor,
+            log_scale,
+        })
+    }
 }
 
 /// The factor of the stiffness matrix of the inner vertices.
@@ -260,13 +306,11 @@ fn factor(geometry: &Geometry, disk: &Disk, marks: &Marks) -> Result<Factor> {
         values: Vec::with_capacity(3 * n),
     };
     matrix.starts.push(0);
-    for (k, &v) in disk.inner.iter().enumerate() {
+    for &v in &disk.inner {
         let v = v as usize;
         matrix.diagonal.push(vertices.diagonal[v]);
         for entry in vertices.row_starts[v]..vertices.row_starts[v + 1] {
-            if let Some(i) = marks.vertex(vertices.columns[entry] as usize)
-                && i < k
-            {
+            if let Some(i) = marks.vertex(vertices.columns[entry] as usize) {
                 matrix.columns.push(i as u32);
                 matrix.values.push(vertices.values[entry]);
             }
@@ -378,12 +422,26 @@ fn flips(
     Ok(count)
 }
 
-fn sensitivity(geometry: &Geometry, faces: &[u32], marks: &mut Marks) -> Option<Vec<f64>> {
-    let Opened::Disk(disk) = Disk::open(geometry, faces, marks) else {
-        return None;
+fn sensitivity(
+    geometry: &Geometry,
+    faces: &[u32],
+    solution: Option<Solution>,
+    marks: &mut Marks,
+) -> Option<Vec<f64>> {
+    let solution = if let Some(solution) = solution {
+        solution.disk.mark(geometry, faces, marks);
+        solution
+    } else {
+        let Opened::Disk(disk) = Disk::open(geometry, faces, marks) else {
+            return None;
+        };
+        Solution::new(geometry, disk, marks)?
     };
-    let mut factor = factor(geometry, &disk, marks).ok()?;
-    let s = log_scale(geometry, &disk, &mut factor).ok()?;
+    let Solution {
+        disk,
+        mut factor,
+        log_scale: s,
+    } = solution;
     let mut p: Vec<f64> = disk
         .inner
         .iter()
