@@ -33,7 +33,7 @@ demo:
     folder=$(mktemp -d)
     trap 'rm -rf "$folder"' EXIT
     phaseatlas demo "$folder"
-    test -s "$folder/starfish.glb" -a -s "$folder/segments.png" -a -s "$folder/uv.png"
+    for name in atlas.glb atlas.png segments.png blended.glb blended.png; do test -s "$folder/$name"; done
 
 # Put the Python and the Rust into shape.
 format:

@@ -169,6 +169,21 @@ def stiffness(vertices, faces):
     return weighted_stiffness(vertices, faces, np.ones(len(vertices)))
 
 
+def diffuse_weights(vertices, faces, labels, epsilon):
+    """u - div(epsilon^2 grad u) = 1 on the faces of each label, 0 elsewhere; epsilon by faces."""
+    n = len(vertices)
+    matrix = np.zeros((n, n))
+    shares = np.zeros((labels.max() + 1, n))
+    for face, label, width in zip(faces, labels, epsilon, strict=True):
+        inside = stiffness(vertices[face], np.array([[0, 1, 2]]))
+        matrix[np.ix_(face, face)] += width**2 * inside
+        shares[label, face] += face_areas(vertices, face[None])[0] / 3.0
+    # No entry but the diagonal is positive; rows sum to the mass.
+    matrix = np.minimum(matrix - np.diag(np.diag(matrix)), 0.0)
+    matrix += np.diag(lumped_mass(vertices, faces) - matrix.sum(axis=1))
+    return np.linalg.solve(matrix, shares.T).T
+
+
 # --------------------------------------------------------------------------------------------------
 # functionals
 # --------------------------------------------------------------------------------------------------
@@ -592,3 +607,80 @@ def ward_cells(vertices, faces, count):
                 best = min(best, (cost, labels[f], labels[g]))
         labels[labels == best[2]] = best[1]
     return labels
+
+
+# --------------------------------------------------------------------------------------------------
+# repair
+# --------------------------------------------------------------------------------------------------
+
+
+def fan_count(faces, vertex):
+    """Number of groups of the faces at a vertex that hang together across edges at that vertex."""
+    groups = []
+    for face in faces:
+        face = [int(v) for v in face]
+        if vertex not in face:
+            continue
+        # The other two vertices are the ends of the two edges at this one.
+        merged = set(face) - {vertex}
+        apart = []
+        for group in groups:
+            if group & merged:
+                merged |= group
+            else:
+                apart.append(group)
+        groups = [*apart, merged]
+    return len(groups)
+
+
+def manifold_defects(n_vertices, faces):
+    """What keeps faces from being an oriented manifold in which every vertex has a face."""
+    defects = []
+    directed = {}
+    for f, face in enumerate(faces):
+        if len(set(map(int, face))) < 3:
+            defects.append(f"face {f} names a vertex twice")
+        for k in range(3):
+            edge = int(face[k]), int(face[(k + 1) % 3])
+            if edge in directed:
+                defects.append(f"faces {directed[edge]} and {f} run along {edge} alike")
+            directed[edge] = f
+    for vertex in range(n_vertices):
+        if (count := fan_count(faces, vertex)) != 1:
+            defects.append(f"vertex {vertex} has {count} fans")
+    return defects
+
+
+def face_components(faces):
+    """Component of each face over common edges, in the order of the first faces."""
+    component = [-1] * len(faces)
+    edges = [
+        {frozenset((int(face[k]), int(face[(k + 1) % 3]))) for k in range(3)} for face in faces
+    ]
+    count = 0
+    for seed in range(len(faces)):
+        if component[seed] >= 0:
+            continue
+        stack = [seed]
+        component[seed] = count
+        while stack:
+            f = stack.pop()
+            for g in range(len(faces)):
+                if component[g] < 0 and edges[f] & edges[g]:
+                    component[g] = count
+                    stack.append(g)
+        count += 1
+    return np.array(component, dtype=np.int64)
+
+
+def boundary_loop_count(faces):
+    """Number of closed chains of the edges of one face; each vertex is in one at most."""
+    directed = {(int(f[k]), int(f[(k + 1) % 3])) for f in faces for k in range(3)}
+    after = {a: b for a, b in directed if (b, a) not in directed}
+    count = 0
+    while after:
+        start, v = after.popitem()
+        while v != start:
+            v = after.pop(v)
+        count += 1
+    return count

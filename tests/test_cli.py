@@ -132,6 +132,15 @@ def check_refused(folder, mesh, command, culprit):
         ("segment model.obj -o a.npz --initial nonsense", "--initial"),
         ("atlas model.obj -o a.glb --flatten nonsense", "--flatten"),
         ("atlas model.obj -o a.glb --resolution 31", "--resolution"),
+        ("atlas model.obj -o a.glb --epsilon 0.1", "--epsilon: value must be given with --levels"),
+        ("atlas model.obj -o a.glb --no-connected", "--connected: value must be given with"),
+        ("atlas model.obj -o a.glb --solver lbfgs", "--solver: value must be given with --levels"),
+        ("atlas model.obj -o a.glb --levels 1 --max-charts 3", "--max-charts: value must not be"),
+        ("atlas model.obj -o a.glb --levels 1 --effort fast", "--effort: value must not be given"),
+        ("atlas model.obj -o a.glb --effort nonsense", "--effort"),
+        ("atlas model.obj -o a.glb --max-charts 0", "max_charts: value must be at least 1"),
+        ("atlas model.obj -o a.glb --max-distortion 0", "max_distortion: value must be"),
+        ("atlas model.obj -o a.glb --distortion 0", "distortion: value must be a positive number"),
         ("demo model.obj", "folder: model.obj must be a folder"),
     ],
 )
@@ -234,7 +243,9 @@ def test_options_are_those_of_the_library():
     library = {field.name: field.default for field in dataclasses.fields(segmentation.Options)}
     for command in (segment, atlas):
         for name, parameter in inspect.signature(command).parameters.items():
-            assert parameter.default == library.get(name, parameter.default)
+            # It depends on the way to charts; see `test_distortion_of_an_atlas`.
+            if (command, name) != (atlas, "distortion"):
+                assert parameter.default == library.get(name, parameter.default)
 
 
 def interrupted(delay, *arguments, **settings):
@@ -392,6 +403,29 @@ def test_segment_and_atlas(model):
     assert (folder / "a.glb").stat().st_size > 0
 
 
+def test_atlas_of_charts_by_energy(model):
+    """Without a number of levels; each option does what the library's does."""
+    expected = pa.partition(pa.load(model), distortion=300.0, effort="fast", seed=2)
+    options = ["--distortion", 300, "--effort", "fast", "--seed", 2, "--texture", "checker"]
+    result = run("atlas", model, "-o", model.parent / "a.glb", "--resolution", 128, *options)
+    assert result.returncode == 0, result.stderr
+    assert f"energy {expected.diagnostics[-1].energy:.4g}," in result.stdout
+    assert f"charts {expected.n_segments}, non_disk 0" in result.stdout
+    assert "flips 0, overlap 0" in result.stdout
+    result = run("atlas", model, "-o", model.parent / "b.glb", "--max-charts", 2)
+    assert "charts 2, " in result.stdout or "max_charts" in result.stderr
+
+
+def test_distortion_of_an_atlas(model):
+    """Its default is that of the library for both ways to charts."""
+    for levels in ([], ["--levels", 1]):
+        sizes = []
+        for weight in ([], ["--distortion", 0 if levels else 600]):
+            run("atlas", model, "-o", model.parent / "a.obj", "--resolution", 64, *levels, *weight)
+            sizes.append((model.parent / "a.obj").read_bytes())
+        assert sizes[0] == sizes[1]
+
+
 def test_segment_with_ipopt(model):
     pytest.importorskip("ipyopt", reason="needs the extra ipopt")
     output = model.parent / "a.npz"
@@ -406,8 +440,8 @@ def test_demo(tmp_path):
     result = run("demo", tmp_path / "out", "--levels", 1)
     assert result.returncode == 0, result.stderr
     names = sorted(p.name for p in (tmp_path / "out").iterdir())
-    assert names == ["segments.png", "starfish.glb", "uv.png"]
-    for word in ("segment", "interface length", "hencky", "seconds"):
+    assert names == ["atlas.glb", "atlas.png", "blended.glb", "blended.png", "segments.png"]
+    for word in ("charts", "segment", "interface length", "hencky", "seconds"):
         assert word in result.stdout
 
 

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from . import datasets, functionals
     from ._core import __version__
     from .atlas import Atlas, Chart, build_atlas
+    from .cutting import cut_along_seams
     from .io import load, save_mesh, save_ply
     from .partitioning import Partition
     from .partitioning.partition import partition
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
         CollapsedError,
         Diagnostics,
         DisconnectedError,
+        MergeTree,
         Progress,
         Segmentation,
         SegmentTree,
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     )
     from .segmentation.segment import segment
     from .surface import Surface
+    from .transfer import Transfer
 
 __all__ = [
     "Atlas",
@@ -31,6 +34,7 @@ __all__ = [
     "CollapsedError",
     "Diagnostics",
     "DisconnectedError",
+    "MergeTree",
     "Partition",
     "Progress",
     "QualityWarning",
@@ -38,8 +42,10 @@ __all__ = [
     "Segmentation",
     "StoppedError",
     "Surface",
+    "Transfer",
     "__version__",
     "build_atlas",
+    "cut_along_seams",
     "datasets",
     "functionals",
     "load",
@@ -59,6 +65,7 @@ _MODULES = {
     "CollapsedError": "segmentation",
     "Diagnostics": "segmentation",
     "DisconnectedError": "segmentation",
+    "MergeTree": "segmentation",
     "Partition": "partitioning",
     "Progress": "segmentation",
     "QualityWarning": "quality",
@@ -66,8 +73,10 @@ _MODULES = {
     "Segmentation": "segmentation",
     "StoppedError": "segmentation",
     "Surface": "surface",
+    "Transfer": "transfer",
     "__version__": "_core",
     "build_atlas": "atlas",
+    "cut_along_seams": "cutting",
     "load": "io",
     "partition": "partitioning",
     "save_mesh": "io",

@@ -1,4 +1,4 @@
-"""A hierarchy of simplified surfaces for the wide interfaces of a continuation.
+"""Simplified surfaces: for the wide interfaces of a continuation, and for the first charts.
 
 The simplification is that of fast-simplification (quadric error metrics, Garland and Heckbert
 1997). Around it, this module drops what it leaves folded flat, checks that what remains is a
@@ -20,46 +20,61 @@ from .transfer import Transfer
 
 __all__ = ["coarsen"]
 
-# Part of the faces to keep, and whether to leave the boundary alone: what is tried until it gives a
-# surface. A quarter makes edges twice as long.
-_ATTEMPTS = ((0.25, False), (0.25, True), (0.35, True))
+# Faces to keep, relative to what is asked for, whether to leave the boundary alone, and how eagerly
+# to collapse: what is tried until it gives a surface. Handles thinner than the new edges break it.
+_ATTEMPTS = ((1.0, False, 7), (1.0, True, 7), (1.4, True, 7))
+_PERSISTENT = tuple((kept, False, eager) for kept in (1.0, 1.5, 2.0, 3.0) for eager in (7, 4))
+# A quarter of the faces makes edges twice as long.
+_QUARTER = 0.25
 # Below so many faces a step saves nothing, nor does one that keeps more than this part of them.
 _FEWEST_FACES = 200
 _CLEARLY_FEWER = 0.6
+# So many of the faces asked for are few enough to stay.
+_ENOUGH = 1.3
 # The library keeps its mesh in variables of the process.
-LOCK = threading.Lock()
+_LOCK = threading.Lock()
 
 
-def coarsen(surface: Surface) -> Transfer | None:
-    """Simplify a surface to a quarter of its faces.
+def coarsen(surface: Surface, n_faces: int | None = None) -> Transfer | None:
+    """Simplify a surface.
 
     Parameters
     ----------
     surface : Surface
+    n_faces : int, optional
+        Faces to keep, up to three times as many where fewer leave no surface; a quarter by
+        default, and then hardly more.
 
     Returns
     -------
     Transfer or None
-        To the simplified surface, with about a quarter of the faces. Values go forward as the mean
-        over the vertices that have collapsed to one, and backward as the value of the vertex that
-        a vertex has collapsed to, averaged over the vertex and its neighbours. None where that
-        leaves no surface, such as where handles are thinner than the new edges, where it leaves
-        about as many faces, or where there are few faces already.
+        To the simplified surface. Values go forward as the mean over the vertices that have
+        collapsed to one, and backward as the value of the vertex that a vertex has collapsed to,
+        averaged over the vertex and its neighbours. None where that leaves no surface, such as
+        where handles are thinner than the new edges, where it leaves about as many faces, or where
+        there are few faces already.
     """
     if surface.n_faces < _FEWEST_FACES:
         return None
-    for kept, preserve_border in _ATTEMPTS:
-        vertices, faces, collapsed_to = _simplified(surface, kept, preserve_border)
-        if len(faces) > _CLEARLY_FEWER * surface.n_faces:
+    asked = _QUARTER * surface.n_faces if n_faces is None else n_faces
+    for kept, preserve_border, eagerness in _ATTEMPTS if n_faces is None else _PERSISTENT:
+        count = int(kept * asked)
+        if surface.n_faces <= _ENOUGH * count:
+            break
+        vertices, faces, collapsed_to = _simplified(surface, count, preserve_border, eagerness)
+        if n_faces is None and len(faces) > _CLEARLY_FEWER * surface.n_faces:
             continue
         used, corners = np.unique(faces, return_inverse=True)
         try:
             coarse = Surface(vertices[used], corners.reshape(-1, 3))
-            break
         except ValueError:
             continue
-    else:
-        return None
+        return _transfer(surface, coarse, used, collapsed_to)
+    return None
+
+
+def _transfer(surface: Surface, coarse: Surface, used: Ints, collapsed_to: Ints) -> Transfer:
+    """Means over what has collapsed, and back."""
     position, found = _positions(used, collapsed_to)
     injection = scipy.sparse.csr_array(
         (np.ones(len(found)), (found, position)), shape=(surface.n_vertices, len(used))
@@ -76,13 +91,16 @@ def coarsen(surface: Surface) -> Transfer | None:
     )
 
 
-def _simplified(surface: Surface, kept: float, preserve_border: bool) -> tuple[Any, Any, Any]:
+def _simplified(
+    surface: Surface, count: int, preserve_border: bool, eagerness: int
+) -> tuple[Any, Any, Any]:
     """Vertices, faces but those folded flat, and the vertex that each has collapsed to, or -1."""
-    with LOCK:
+    with _LOCK:
         vertices, faces, collapses = fast_simplification.simplify(
             surface.vertices.copy(),
             surface.faces.astype(np.int32),
-            target_count=int(kept * surface.n_faces),
+            target_count=count,
+            agg=eagerness,
             return_collapses=True,
             preserve_border=preserve_border,
         )
@@ -105,10 +123,10 @@ def _simplified(surface: Surface, kept: float, preserve_border: bool) -> tuple[A
     collapsed_to = np.full(surface.n_vertices, -1)
     collapsed_to[found] = position
     # Two faces on the same three vertices are what is left of a spike.
-    _, face, count = np.unique(
+    _, face, copies = np.unique(
         np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
     )
-    return vertices, faces[count[face.reshape(-1)] == 1], collapsed_to
+    return vertices, faces[copies[face.reshape(-1)] == 1], collapsed_to
 
 
 def _positions(sorted_values: Ints, values: Ints) -> tuple[Ints, Ints]:

@@ -27,6 +27,11 @@ class Surface:
     faces : (m, 3) array_like of int
         Vertex indices of each face, all faces in one orientation.
 
+    Attributes
+    ----------
+    seam_costs : (m, 3) array or None
+        Factor on the length of a seam along each edge, see `with_seam_costs`; None for 1.
+
     Raises
     ------
     ValueError
@@ -38,10 +43,21 @@ class Surface:
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
         self._build(vertices, faces, accepted=False)
 
-    def _build(self, vertices: ArrayLike, faces: ArrayLike, *, accepted: bool) -> None:
+    def _build(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        accepted: bool,
+        pieces: bool = False,
+        seam_costs: Floats | None = None,
+    ) -> None:
         self.vertices: Floats = _matrix("vertices", vertices, np.float64)
         self.faces: Ints = _matrix("faces", faces, np.int64)
-        self._mesh = _core.TriangleMesh(self.vertices, self.faces, accepted=accepted)
+        self.seam_costs = seam_costs
+        self._mesh = _core.TriangleMesh(
+            self.vertices, self.faces, accepted=accepted, pieces=pieces, seam_costs=seam_costs
+        )
         self.vertices.flags.writeable = False
         self.faces.flags.writeable = False
 
@@ -52,7 +68,7 @@ class Surface:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _accepted, (self.vertices, self.faces)
+        return _accepted, (self.vertices, self.faces, self.seam_costs)
 
     @property
     def n_vertices(self) -> int:
@@ -207,7 +223,7 @@ class Surface:
         """
         array = np.ascontiguousarray(labels, dtype=np.int64)
         if array.shape != (self.n_faces,):
-            raise ValueError(f"labels: shape {array.shape}, expected ({self.n_faces},)")
+            raise ValueError(f"labels: shape {array.shape} must be ({self.n_faces},)")
         return _core.label_components(self._mesh, array)
 
     def cut_to_disk(self, faces: Ints) -> _core.CutChart:
@@ -232,6 +248,33 @@ class Surface:
         """
         return _core.cut_chart(self._mesh, np.ascontiguousarray(faces, dtype=np.int64))
 
+    def screened(self, epsilon: Floats) -> _core.Screened:
+        """Factor the equation u - div(epsilon^2 grad u) = f, which spreads indicators of labels.
+
+        Parameters
+        ----------
+        epsilon : (m,) array
+            Width in each face.
+
+        Returns
+        -------
+        Screened
+            `spread(labels, chosen)` is (k, n): for each of the k chosen labels the share of its
+            faces around each vertex, spread over epsilon. All labels together sum to 1.
+        """
+        return _core.Screened(self._mesh, np.ascontiguousarray(epsilon, dtype=np.float64))
+
+    def one_chart(self, distortion: float) -> _core.Partition:
+        """Start a partition of a single chart, which the moves of `Partition` improve.
+
+        Parameters
+        ----------
+        distortion : float
+            Weight of the mean squared log scale against the length of the seams in roots of the
+            area.
+        """
+        return _core.Partition(self._mesh, distortion)
+
     def face_mean(self, values: Floats) -> Floats:
         """Mean over the corners of each face of a vertex quantity, (n, ...) to (m, ...)."""
         a, b, c = self.faces.T
@@ -248,7 +291,24 @@ class Surface:
         """
         if not (np.isfinite(factor) and factor > 0):
             raise ValueError(f"factor: {factor} must be a positive number")
-        return _accepted(self.vertices * factor, self.faces)
+        return _accepted(self.vertices * factor, self.faces, self.seam_costs)
+
+    def with_seam_costs(self, seam_costs: ArrayLike) -> Surface:
+        """Return the surface with a factor on the length of a seam along each edge.
+
+        Parameters
+        ----------
+        seam_costs : (m, 3) array_like of float
+            Positive factor of edge (f[k], f[(k + 1) % 3]) of each face f; the larger one of its two
+            faces counts.
+
+        Raises
+        ------
+        ValueError
+            For another shape, or a factor that is not positive.
+        """
+        costs = np.ascontiguousarray(seam_costs, dtype=np.float64)
+        return _accepted(self.vertices, self.faces, costs)
 
     def submesh(self, faces: Ints | Bools) -> tuple[Surface, Ints]:
         """Return some of the faces as a surface, and its vertices as vertices of this one.
@@ -271,13 +331,14 @@ class Surface:
             For faces that form no surface, as where two of them touch at a vertex alone.
         """
         vertices, corners = np.unique(self.faces[faces], return_inverse=True)
-        return _accepted(self.vertices[vertices], corners.reshape(-1, 3)), vertices
+        costs = None if self.seam_costs is None else self.seam_costs[faces]
+        return _accepted(self.vertices[vertices], corners.reshape(-1, 3), costs), vertices
 
     def vector(self, argument: str, values: ArrayLike) -> Floats:
         """Check and convert one finite value a vertex; `argument` names it in the error."""
         array = np.ascontiguousarray(values, dtype=np.float64)
         if np.shape(values) != (self.n_vertices,):
-            raise ValueError(f"{argument}: shape {np.shape(values)}, expected ({self.n_vertices},)")
+            raise ValueError(f"{argument}: shape {np.shape(values)} must be ({self.n_vertices},)")
         finite = np.isfinite(array)
         if not finite.all():
             index = int(np.argmin(finite))
@@ -304,10 +365,10 @@ class Surface:
         return -sums.astype(np.float64)
 
 
-def _accepted(vertices: Floats, faces: Ints) -> Surface:
+def _accepted(vertices: Floats, faces: Ints, seam_costs: Floats | None = None) -> Surface:
     """Surface of faces that were accepted before, which scaling may have made thinner."""
     surface = Surface.__new__(Surface)
-    surface._build(vertices, faces, accepted=True)
+    surface._build(vertices, faces, accepted=True, seam_costs=seam_costs)
     return surface
 
 
@@ -319,10 +380,10 @@ def _read_only(array: Array) -> Array:
 def _matrix(argument: str, values: ArrayLike, dtype: Any) -> Any:
     array = np.asarray(values)
     if array.size and (array.ndim != 2 or array.shape[1] != 3):
-        raise ValueError(f"{argument}: shape {array.shape}, expected (k, 3)")
+        raise ValueError(f"{argument}: shape {array.shape} must be (k, 3)")
     if array.size and not (
         np.issubdtype(array.dtype, np.integer)
         or (dtype is np.float64 and np.issubdtype(array.dtype, np.floating))
     ):
-        raise ValueError(f"{argument}: dtype {array.dtype}, expected {np.dtype(dtype).name}")
+        raise ValueError(f"{argument}: dtype {array.dtype} must be {np.dtype(dtype).name}")
     return np.array(array, dtype=dtype, order="C").reshape(-1, 3)

@@ -13,42 +13,33 @@ from pathlib import Path
 import numpy as np
 
 from .. import quality
-from ..arrays import Bytes, Floats
+from ..arrays import Bytes, Floats, Ints
 from ..files import write_bytes, write_files
+from ..partitioning import Partition
 from ..scene.gltf import glb, ruin_of_single_precision, translation
 from ..scene.obj import obj
 from ..segmentation import Segmentation, SegmentTree
 from .bake import Texture, bake, blend_vertices, checker
 from .charts import Chart, Layout
-from .domains import blending_weights, domains
+from .domains import blending_weights, domains, piece_domain, pieces, split
 from .flatten import FLATTENINGS, Flattening, Map, chart, flatten, spread
-from .metrics import Flaws, atlas_metrics, flaws
+from .metrics import CURE, Flaws, atlas_metrics, flaws
 from .packing import check_packing, pack
 
 __all__ = ["Atlas", "build_atlas"]
 
 # Thresholds of narrower domains; the last leaves about the labelled faces.
 _NARROWER = (0.1, 0.25, 0.5)
-# Squared deviation of the log scale, over the surface, that a wider domain may cost its leaf.
+# Squared deviation of the log scale, over the surface, that a domain may cost its leaf at no word:
+# a hundredth of what limbs in the domains of both sides cost (docs/decisions/boundary-first.md).
+# Above it a wider domain may cost a quarter more than the best one.
 _FREE_SPREAD = 1e-3
 _WIDENING = 1.25
 
 
 @dataclass(frozen=True, eq=False)
 class Atlas(Layout):
-    """Overlapping charts of a surface and their sharp parts packed into the unit square.
-
-    Attributes
-    ----------
-    surface : Surface
-        With n vertices and m faces.
-    labels : (m,) array of int
-        Segment of each face.
-    charts : tuple of Chart
-        The charts; every face is labelled in one.
-    uv : (m, 3, 2) array
-        Packed texture coordinates of the corners of each face, v up, in [0, 1].
-    """
+    """A `Layout`, with what can be done with it: baked, rated, packed anew and written."""
 
     @cached_property
     def diagnostics(self) -> Flaws:
@@ -73,7 +64,7 @@ class Atlas(Layout):
 
     def metrics(self) -> dict[str, float]:
         """Charts, seam, distortion, flips, overlap and packing; see `metrics.atlas_metrics`."""
-        return atlas_metrics(self.surface, self.uv)
+        return atlas_metrics(self.surface, self.uv, flaws=self.diagnostics)
 
     def bake(
         self, texture: Texture | None = None, *, resolution: int = 1024, blend: bool = True
@@ -152,7 +143,7 @@ class Atlas(Layout):
 def build_atlas(
     tree: SegmentTree | Segmentation,
     *,
-    flatten: Flattening = "bff",
+    flatten: Flattening | None = None,
     threshold: float | None = None,
     padding: int = 4,
     resolution: int = 1024,
@@ -162,14 +153,23 @@ def build_atlas(
     The domain of a leaf is where its weight exceeds `threshold`, together with its labelled faces
     and those across their boundary; a domain that is no disk is cut open along shortest paths.
 
+    The map of the labelled faces of every chart is a bijection, by an exact test: no face is turned
+    over, and the boundary does not cross itself. Where the map of a domain fails, narrower domains
+    are tried, then the labelled faces alone, to whose map the rest of the domain is attached; at
+    last the labelled faces are split. Faces thinner than four units in the last place of a
+    single-precision texture coordinate are exempt, and counted in `diagnostics`.
+
     Parameters
     ----------
     tree : SegmentTree or Segmentation
         What to cut along: the leaves of a tree, or any labels with weights.
-    flatten : {"bff", "lscm"}
-        The map: boundary-first with scale 1 on the boundary of the domain (Sawhney and Crane
+    flatten : {"isometric", "bff", "lscm"}, optional
+        The map: of least symmetric Dirichlet energy (Smith and Schaefer 2015), which keeps lengths
+        and areas best; boundary-first with scale 1 on the boundary of the domain (Sawhney and Crane
         2017), which distorts area least among the conformal maps (Springborn, Schroeder and
-        Pinkall 2008), or least-squares conformal in its spectral form (Mullen et al. 2008).
+        Pinkall 2008); or least-squares conformal in its spectral form (Mullen et al. 2008).
+        Isometric maps are those of the labelled faces alone. By default isometric for a
+        `Partition`, and boundary-first for all else.
     threshold : float, optional
         The charts blend by max(chi^alpha - threshold, 0), scaled to sum 1. By default each leaf
         has its own: the least of 0.02 (half of 1 / leaves where that is less), 0.1, 0.25 and 0.5
@@ -194,10 +194,12 @@ def build_atlas(
     Warns
     -----
     QualityWarning
-        Where faces are turned over in the plane, texels are covered twice, or more than 2 % of the
-        area has less than a tenth of the mean texel density; the figures are in `diagnostics`.
+        Where segments had to be split, texels are covered twice, or more than 2 % of the area has
+        less than a tenth of the mean texel density; the figures are in `diagnostics`.
     """
     segmentation = tree.at(tree.levels) if isinstance(tree, SegmentTree) else tree
+    if flatten is None:
+        flatten = "isometric" if isinstance(tree, Partition) else "bff"
     if flatten not in FLATTENINGS:
         raise ValueError(f"flatten: {flatten!r} must be one of {FLATTENINGS}")
     check_packing(padding, resolution)
@@ -219,28 +221,83 @@ def _charts(
     segmentation: Segmentation, thresholds: Sequence[float], method: Flattening
 ) -> tuple[Chart, ...]:
     """Charts of all segments, each on the widest domain that suits its labelled faces."""
-    areas = segmentation.surface.face_areas
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = pool.map(
-            lambda segment: _widest(segmentation, segment, thresholds, method),
-            range(segmentation.n_segments),
+        found = list(
+            pool.map(
+                lambda segment: _maps(segmentation, segment, thresholds, method),
+                range(segmentation.n_segments),
+            )
         )
-        maps = [mapped for parts in found for mapped in parts]
+    maps = [mapped for of_segment, _ in found for mapped in of_segment]
+    if n_split := sum(count for _, count in found):
+        quality.warn(
+            f"charts: {n_split} had to be split, as their maps turned faces over or covered points "
+            f"twice; {CURE}"
+        )
     weights = blending_weights(segmentation, [mapped.domain for mapped in maps])
-    return tuple(chart(m, areas, weight) for m, weight in zip(maps, weights, strict=True))
+    return tuple(chart(mapped, weight) for mapped, weight in zip(maps, weights, strict=True))
+
+
+def _maps(
+    segmentation: Segmentation, segment: int, thresholds: Sequence[float], method: Flattening
+) -> tuple[list[Map], int]:
+    """Bijections of the labelled faces of a segment, and how many charts were split for them."""
+    parts = pieces(segmentation, segment)
+    if method != "isometric" and not any(_flat_with_holes(segmentation, p) for p in parts):
+        maps = _widest(segmentation, segment, thresholds, method)
+        if maps is not None:
+            return maps, 0
+    found = [_alone(segmentation, segment, part, thresholds[0], method) for part in parts]
+    return [mapped for maps in found for mapped in maps], sum(len(maps) > 1 for maps in found)
+
+
+def _flat_with_holes(segmentation: Segmentation, piece: Ints) -> bool:
+    domain = piece_domain(segmentation, 0, piece, None)
+    return domain.disk.n_boundary_loops > 1
 
 
 def _widest(
     segmentation: Segmentation, segment: int, thresholds: Sequence[float], method: Flattening
-) -> list[Map]:
-    """Map the domains of a segment at the least threshold that suits its labelled faces."""
+) -> list[Map] | None:
+    """Map the domains of a segment at the least threshold that suits its labelled faces.
+
+    None where the map of the labelled faces is no bijection at any threshold.
+    """
     surface = segmentation.surface
-    tried = []
+    tried: list[tuple[float, list[Map]]] = []
     for threshold in thresholds:
-        maps = [flatten(domain, method) for domain in domains(segmentation, segment, threshold)]
+        found = [flatten(d, method, surface) for d in domains(segmentation, segment, threshold)]
+        maps = [mapped for mapped in found if mapped is not None]
+        if len(maps) < len(found):
+            continue
         cost = sum(spread(mapped, surface.face_areas) / surface.area for mapped in maps)
         tried.append((cost, maps))
         if tried[0][0] <= _FREE_SPREAD:
             return maps
+    if not tried:
+        return None
     bound = _FREE_SPREAD + _WIDENING * min(cost for cost, _ in tried)
     return next(maps for cost, maps in tried if cost <= bound)
+
+
+def _alone(
+    segmentation: Segmentation, segment: int, piece: Ints, threshold: float, method: Flattening
+) -> list[Map]:
+    """Map the faces of a piece by themselves, split until all maps are bijections."""
+    surface = segmentation.surface
+    maps = []
+    waiting = [piece]
+    while waiting:
+        piece = waiting.pop()
+        domain = piece_domain(segmentation, segment, piece, threshold)
+        # What cannot be attached is left out.
+        mapped = flatten(domain, method, surface) or flatten(
+            piece_domain(segmentation, segment, piece, None), method, surface
+        )
+        if mapped is not None:
+            maps.append(mapped)
+        elif len(piece) > 1:
+            waiting.extend(split(domain))
+        else:
+            raise ValueError(f"faces[{piece[0]}]: a triangle this thin has no map to the plane")
+    return maps

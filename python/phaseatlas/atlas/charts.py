@@ -33,6 +33,9 @@ class Domain:
         The faces, in vertices of the disk.
     cut_length : float
         Length of the cut; 0 where the faces were a disk.
+    sharp : TriangleMesh, optional
+        The labelled faces alone, whose vertices are the first ones of the disk: they are mapped by
+        themselves, and the rest is attached to their map. By default the disk is mapped at once.
     """
 
     segment: int
@@ -43,20 +46,25 @@ class Domain:
     vertices: Ints
     triangles: Ints
     cut_length: float
+    sharp: _core.TriangleMesh | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
     """One chart: the domain where its weight is positive, as a disk, and its map to the plane.
 
+    The map of the labelled faces is a bijection: it turns no face over, and the boundary does not
+    cross itself. A flat piece of the surface with holes is mapped as it is; any other is a disk.
+
     Attributes
     ----------
     segment : int
-        Leaf of the tree, or label of the segmentation.
+        Leaf of the tree, or label of the segmentation; a segment that had to be split has several
+        charts.
     faces : (k,) array of int
         Surface faces of the domain; domains of neighbouring charts overlap.
     labelled : (k,) array of bool
-        The faces that belong to the sharp segment.
+        The faces that are packed with this chart: those of the sharp segment, or of its part.
     vertices : (p,) array of int
         Surface vertex of each chart vertex; a vertex on a cut stands once on each side.
     triangles : (k, 3) array of int

@@ -6,11 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Floats
+from .. import _core
+from ..arrays import Bools, Floats, Ints
 from ..segmentation import Segmentation
 from .charts import Domain
 
-__all__ = ["blending_weights", "domains"]
+__all__ = ["blending_weights", "domains", "piece_domain", "pieces", "split"]
+
+# Weight of the distortion in the choice of a split, the default of `partition`.
+_DISTORTION = 600.0
 
 
 def domains(segmentation: Segmentation, segment: int, threshold: float) -> list[Domain]:
@@ -29,10 +33,8 @@ def domains(segmentation: Segmentation, segment: int, threshold: float) -> list[
     """
     surface = segmentation.surface
     labelled = segmentation.labels == segment
-    weight = np.maximum(segmentation.weights[segment] - threshold, 0)
-    inside = (weight[surface.faces] > 0).any(axis=1) | labelled
-    across = surface.face_neighbours[labelled]
-    inside[across[across >= 0]] = True
+    weight = np.maximum(segmentation.weight(segment) - threshold, 0)
+    inside = _inside(segmentation, labelled, weight)
     parts = surface.label_components(inside.astype(np.int64))
     found = []
     for part in np.unique(parts[labelled]):
@@ -53,6 +55,96 @@ def domains(segmentation: Segmentation, segment: int, threshold: float) -> list[
     return found
 
 
+def pieces(segmentation: Segmentation, segment: int) -> list[Ints]:
+    """Return the connected components of the faces of a segment.
+
+    Parameters
+    ----------
+    segmentation : Segmentation
+    segment : int
+    """
+    labelled = segmentation.labels == segment
+    parts = segmentation.surface.label_components(labelled.astype(np.int64))
+    return [np.flatnonzero(parts == part) for part in np.unique(parts[labelled])]
+
+
+def piece_domain(
+    segmentation: Segmentation, segment: int, piece: Ints, threshold: float | None
+) -> Domain:
+    """Domain of a piece of a segment, with faces around it attached to the disk of the piece.
+
+    The piece is cut to a disk by itself, but a flat one with holes is left as it is.
+
+    Parameters
+    ----------
+    segmentation : Segmentation
+        Labels and weights.
+    segment : int
+        Whose piece.
+    piece : (k,) array of int
+        Connected faces of the segment, sorted.
+    threshold : float, optional
+        Of the weight of the faces to attach, at least 0; by default there are none.
+    """
+    surface = segmentation.surface
+    labelled = np.zeros(surface.n_faces, dtype=np.bool_)
+    labelled[piece] = True
+    weight = np.maximum(segmentation.weight(segment) - (threshold or 0.0), 0)
+    around = np.zeros_like(labelled)
+    if threshold is not None:
+        # Of other pieces of the segment only what is next to this one.
+        around = _inside(segmentation, labelled, weight) & (segmentation.labels != segment)
+        across = surface.face_neighbours[piece]
+        around[across[across >= 0]] = True
+    grown = _core.grow_chart(surface._mesh, piece, np.flatnonzero(around & ~labelled))
+    order = np.argsort(grown.faces)
+    return Domain(
+        segment=segment,
+        faces=grown.faces[order],
+        labelled=labelled[grown.faces[order]],
+        weight=weight,
+        disk=grown.mesh,
+        vertices=grown.vertices,
+        triangles=np.ascontiguousarray(grown.triangles[order]),
+        cut_length=grown.chart.length,
+        sharp=grown.chart.mesh,
+    )
+
+
+def split(domain: Domain) -> list[Ints]:
+    """Split the labelled faces of a domain in connected parts: two or a few more.
+
+    Parameters
+    ----------
+    domain : Domain
+        Of a piece, of at least two faces.
+
+    Returns
+    -------
+    list of array of int
+        Faces of each part.
+    """
+    piece = domain.faces[domain.labelled]
+    assert domain.sharp is not None
+    core = _core.Partition(domain.sharp, _DISTORTION)
+    core.forbid_overlap()
+    if core.split_failing(2) == 0:
+        core.set_cells(2)
+    labels = core.labels()
+    if not labels.any():
+        labels = np.arange(len(piece))
+    return [piece[labels == part] for part in range(labels.max() + 1)]
+
+
+def _inside(segmentation: Segmentation, labelled: Bools, weight: Floats) -> Bools:
+    """The labelled faces, those across their boundary, and those with weight."""
+    surface = segmentation.surface
+    inside: Bools = (weight[surface.faces] > 0).any(axis=1) | labelled
+    across = surface.face_neighbours[labelled]
+    inside[across[across >= 0]] = True
+    return inside
+
+
 def blending_weights(segmentation: Segmentation, found: Sequence[Domain]) -> Floats:
     """Weights of the domains, (domains, n): those of the segment on the domain, 0 elsewhere, sum 1.
 
@@ -69,7 +161,7 @@ def blending_weights(segmentation: Segmentation, found: Sequence[Domain]) -> Flo
         own = surface.faces[domain.faces[domain.labelled]]
         labelled[k, own] = True
         bare = np.unique(own[~(weights[k, own] > 0).any(axis=1)])
-        given = segmentation.weights[domain.segment, bare]
+        given = segmentation.weight(domain.segment)[bare]
         weights[k, bare] = np.where(given > 0, given, 1.0)
     empty = weights.sum(axis=0) == 0
     weights[:, empty] = labelled[:, empty]

@@ -15,6 +15,8 @@ from ..points import flat_areas
 from ..surface import Surface
 
 __all__ = [
+    "CURE",
+    "THIN",
     "Flaws",
     "UvTopology",
     "atlas_metrics",
@@ -27,7 +29,10 @@ __all__ = [
 # Faces below this part of the mean texel density are sparse; up to this part of the area may be.
 _SPARSE = 0.1
 _SPARSE_AREA = 0.02
-_CURE = "segments found with a distortion weight of 3 to 10 (--distortion 3) lie flatter"
+# Height of a face, relative to the side of the layout, below which single precision cannot tell its
+# sides apart: four units in the last place just below 1.
+THIN = 4 * 2.0**-24
+CURE = "segments found with a distortion weight of 3 to 10 (--distortion 3) lie flatter"
 # Two UVs further apart than this share of the layout's side are different.
 _UV_TOLERANCE = 1e-9
 
@@ -39,28 +44,36 @@ class Flaws:
     Attributes
     ----------
     flips : int
-        Faces that are turned over in the plane.
+        Faces that are turned over in the plane, without those that are thin.
     overlap : float
         Texels covered by several faces, percent of the texels covered at all.
     sparse : float
         Part of the area with less than a tenth of the mean texel density (texels a length).
+    crossing : int
+        Charts whose boundary crosses itself, by an exact test.
+    thin : int
+        Faces thinner than four units in the last place of a single-precision coordinate in [0, 1].
     """
 
     flips: int
     overlap: float
     sparse: float
+    crossing: int = 0
+    thin: int = 0
 
     def sentences(self) -> list[str]:
         """One line for each flaw that is worth a word, which names a cure."""
         said = []
         if self.flips:
-            said.append(f"flips: {self.flips} faces are turned over in the plane; {_CURE}")
-        if self.overlap > 0:
-            said.append(f"overlap: {self.overlap:.2g} % of the texels are covered twice; {_CURE}")
+            said.append(f"flips: {self.flips} faces are turned over in the plane; {CURE}")
+        if self.crossing:
+            said.append(f"overlap: {self.crossing} charts cover points twice; {CURE}")
+        elif self.overlap > 0:
+            said.append(f"overlap: {self.overlap:.2g} % of the texels are covered twice; {CURE}")
         if self.sparse > _SPARSE_AREA:
             said.append(
                 f"density: {100 * self.sparse:.2g} % of the area has less than a tenth of the mean "
-                f"texel density; {_CURE}"
+                f"texel density; {CURE}"
             )
         return said
 
@@ -93,7 +106,9 @@ class UvTopology:
     seams: Bools
 
 
-def atlas_metrics(surface: Surface, uv: Floats, *, resolution: int = 2048) -> dict[str, float]:
+def atlas_metrics(
+    surface: Surface, uv: Floats, *, resolution: int = 2048, flaws: Flaws | None = None
+) -> dict[str, float]:
     """Rate a UV layout.
 
     Below, A is the area of a face in space and s1 >= s2 are the singular values of its map to the
@@ -107,6 +122,8 @@ def atlas_metrics(surface: Surface, uv: Floats, *, resolution: int = 2048) -> di
         (m, 3, 2) UV of every corner of every face.
     resolution
         Side of the raster on which overlap is counted, in texels.
+    flaws
+        What `flaws` found, so that overlap is not counted again.
 
     Returns
     -------
@@ -123,6 +140,7 @@ def atlas_metrics(surface: Surface, uv: Floats, *, resolution: int = 2048) -> di
         ``l2``: sqrt(sum A (1 / s1^2 + 1 / s2^2) / 2 / sum A) (Sander et al. 2001); 1 is isometric.
         ``degenerate``: faces without area in the plane; left out of the three above.
         ``flips``: faces turned against their chart, which as a whole may be mirrored.
+        ``crossing``: charts whose boundary crosses itself, by an exact test.
         ``overlap``: texels covered by several faces, percent of the texels covered at all, the
         layout filling the raster.
         ``packing``: area of the layout, percent of its bounding square.
@@ -150,7 +168,8 @@ def atlas_metrics(surface: Surface, uv: Floats, *, resolution: int = 2048) -> di
         **distortion,
         "degenerate": int((~solid).sum()),
         "flips": int((turned < 0.0).sum()),
-        "overlap": _overlap(uv, resolution),
+        "crossing": _crossing(uv, topology) if flaws is None else flaws.crossing,
+        "overlap": _overlap(uv, resolution) if flaws is None else flaws.overlap,
         "packing": float(100.0 * np.abs(signed).sum() / extent**2),
     }
 
@@ -168,11 +187,18 @@ def flaws(surface: Surface, uv: Floats, *, resolution: int = 2048) -> Flaws:
         Side of the raster on which overlap is counted, in texels.
     """
     signed = flat_areas(uv, signed=True)
+    thin = 2.0 * np.abs(signed) <= THIN * _longest(uv)
     areas = surface.face_areas
     density = np.sqrt(np.abs(signed) / areas)
     mean = np.sqrt(np.abs(signed).sum() / areas.sum())
     sparse = areas[density < _SPARSE * mean].sum() / areas.sum()
-    return Flaws(int((signed < 0.0).sum()), _overlap(uv, resolution), float(sparse))
+    return Flaws(
+        flips=int(((signed <= 0.0) & ~thin).sum()),
+        overlap=_overlap(uv, resolution),
+        sparse=float(sparse),
+        crossing=_crossing(uv, uv_topology(surface, uv)),
+        thin=int(thin.sum()),
+    )
 
 
 def uv_topology(surface: Surface, uv: Floats) -> UvTopology:
@@ -363,6 +389,23 @@ def _vertex_areas(surface: Surface, topology: UvTopology) -> Floats:
     corner = topology.corner.ravel()
     areas = np.bincount(corner, weights=third, minlength=topology.n_vertices)
     return areas.astype(np.float64)
+
+
+def _longest(uv: Floats) -> Floats:
+    """Length of the longest side of each face."""
+    longest: Floats = np.linalg.norm(np.roll(uv, -1, axis=1) - uv, axis=2).max(axis=1)
+    return longest
+
+
+def _crossing(uv: Floats, topology: UvTopology) -> int:
+    """Number of charts whose boundary crosses itself."""
+    points = np.empty((topology.n_vertices, 2))
+    points[topology.corner] = uv
+    thin = THIN * float(np.ptp(uv, axis=(0, 1)).max())
+    order = np.argsort(topology.chart, kind="stable")
+    ends = np.cumsum(np.bincount(topology.chart, minlength=topology.n_charts))
+    charts = np.split(topology.corner[order], ends[:-1])
+    return sum(_core.faults(corners, points, thin)[1] for corners in charts)
 
 
 def _overlap(uv: Floats, resolution: int) -> float:

@@ -9,9 +9,12 @@ import typer
 
 __all__ = [
     "Area",
+    "AtlasDistortion",
+    "AtlasLevels",
     "Connected",
     "Distortion",
     "EdgeLength",
+    "Effort",
     "Epsilon",
     "FeatureAngle",
     "Flatten",
@@ -19,6 +22,8 @@ __all__ = [
     "Formulation",
     "Initial",
     "Levels",
+    "MaxCharts",
+    "MaxDistortion",
     "Mesh",
     "Resolution",
     "Seed",
@@ -69,16 +74,51 @@ Initial = Annotated[
         help="Start: the best of several, one of random values, or two clusters of normals."
     ),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the random start.")]
+Seed = Annotated[int, typer.Option(help="Seed of what is random.")]
+
+# Of the charts by energy.
+AtlasLevels = Annotated[
+    int | None,
+    typer.Option(
+        help="Take the 2^levels segments of equal area of the binary tree for charts.",
+        show_default="charts by energy",
+    ),
+]
+AtlasDistortion = Annotated[
+    float | None,
+    typer.Option(
+        help="Weight of the distortion against the length of the seams, for unit area.",
+        show_default="600; with --levels 0",
+    ),
+]
+MaxDistortion = Annotated[
+    float | None,
+    typer.Option(
+        help="Bound on the root mean square log scale, 0.05 for texels that vary by 5 %.",
+        show_default="none",
+    ),
+]
+MaxCharts = Annotated[
+    int | None, typer.Option(help="Bound on the number of charts.", show_default="none")
+]
+Effort = Annotated[
+    Literal["fast", "normal", "best"], typer.Option(help="How long to search for better charts.")
+]
 
 # Of the atlas.
 Flatten = Annotated[
-    Literal["bff", "lscm"],
-    typer.Option(help="Chart map: boundary-first, or least-squares conformal."),
+    Literal["isometric", "bff", "lscm"] | None,
+    typer.Option(
+        help="Chart map: least stretch, boundary-first, or least-squares conformal.",
+        show_default="isometric; with --levels bff",
+    ),
 ]
 Texture = Annotated[
     Path | None,
-    typer.Option(help="Image repeated over the charts and blended.", show_default="a checker"),
+    typer.Option(
+        help="Image repeated over the charts and blended, or the word checker.",
+        show_default="checker",
+    ),
 ]
 Resolution = Annotated[
     int, typer.Option(help="Side of the baked texture in texels.", min=32, max=16384)

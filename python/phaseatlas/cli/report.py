@@ -12,15 +12,45 @@ from .process import say
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
+    from ..partitioning import Partition, Phase
     from ..segmentation import Progress, SegmentTree
     from ..surface import Surface
 
-__all__ = ["progress", "say_metrics", "say_surface", "say_tree"]
+__all__ = ["phases", "progress", "say_metrics", "say_partition", "say_surface", "say_tree"]
+
+# What is drawn of a state: how much is done of how much, and words; without a total the bar pulses.
+_Drawn = tuple[int, int | None, str]
 
 
 @contextmanager
 def progress(levels: int) -> Iterator[Callable[[Progress], None] | None]:
     """Give a callback that draws a bar on the error stream, or none where that is no terminal."""
+
+    def drawn(state: Progress) -> _Drawn:
+        words = (
+            f"level {state.level} of {levels}, node {state.node + 1} of {2 ** (state.level - 1)}, "
+            f"iteration {state.iteration}, energy {state.energy:.6f}"
+        )
+        return 2 ** (state.level - 1) - 1 + state.node, 2**levels - 1, words
+
+    with _bar() as draw:
+        yield None if draw is None else lambda state: draw(drawn(state))
+
+
+@contextmanager
+def phases() -> Iterator[Callable[[Phase], None] | None]:
+    """Give a callback that draws the phases of a partition, as `progress` does."""
+
+    def drawn(phase: Phase) -> _Drawn:
+        words = f"{phase.name}, {phase.n_charts} charts, energy {phase.energy:.3f}"
+        return 0, None, words
+
+    with _bar() as draw:
+        yield None if draw is None else lambda phase: draw(drawn(phase))
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[_Drawn], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
@@ -38,19 +68,11 @@ def progress(levels: int) -> Iterator[Callable[[Progress], None] | None]:
     with bar:
         task = bar.add_task("")
 
-        def report(state: Progress) -> None:
-            bar.update(
-                task,
-                total=2**levels - 1,
-                completed=2 ** (state.level - 1) - 1 + state.node,
-                description=(
-                    f"level {state.level} of {levels}, node {state.node + 1} of "
-                    f"{2 ** (state.level - 1)}, iteration {state.iteration}, "
-                    f"energy {state.energy:.6f}"
-                ),
-            )
+        def draw(drawn: _Drawn) -> None:
+            completed, total, words = drawn
+            bar.update(task, total=total, completed=completed, description=words)
 
-        yield report
+        yield draw
 
 
 def say_surface(surface: Surface) -> None:
@@ -98,6 +120,18 @@ def say_tree(tree: SegmentTree) -> None:
                 f"components, {d.repairs} rounds of repair, {d.relabelled_faces} faces relabelled "
                 f"({100 * d.relabelled_area:.2g} % of the area)"
             )
+
+
+def say_partition(partition: Partition) -> None:
+    """Print the charts of a partition: what was minimised and what it is made of."""
+    last = partition.diagnostics[-1]
+    shares = ", ".join(f"{100 * share:.2g}" for share in partition.areas / partition.surface.area)
+    say(
+        f"charts {last.n_charts}, shares of the area {shares} %",
+        f"energy {last.energy:.4g}, seam {last.seam:.4g} sqrt(area), cuts {last.cuts:.4g} "
+        f"sqrt(area), root mean square log scale {math.sqrt(last.distortion):.3g}, "
+        f"{last.seconds:.2f} s",
+    )
 
 
 def say_metrics(atlas: Atlas) -> None:

@@ -14,15 +14,17 @@ from time import perf_counter
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import _core
-from ..arrays import Floats, Ints
+from ..arrays import Ints
+from ..coarsen import coarsen
 from ..quality import warn
 from ..segmentation import Segmentation, StoppedError
 from ..surface import Surface
-from .coarse import labels_from, simplified
+from ..transfer import Transfer
 
-__all__ = ["Effort", "Partition", "Phase", "partition"]
+__all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 
 Effort = Literal["fast", "normal", "best"]
 
@@ -31,7 +33,7 @@ _PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 32, "best": 160}
 # Perturbations between two looks at the clock and the keyboard.
 _BATCH = 4
 # Faces of the surface of the first phases, and its first cells.
-_COARSE_FACES = 2500
+_COARSE_FACES = 4000
 _CELLS = 60
 # Faces of a surface against those of the next coarser one.
 _RATIO = 4
@@ -85,7 +87,7 @@ class Phase:
     seconds: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Partition(Segmentation):
     """A segmentation by energy.
 
@@ -96,6 +98,18 @@ class Partition(Segmentation):
     """
 
     diagnostics: tuple[Phase, ...] = ()
+
+    def __init__(
+        self,
+        surface: Surface,
+        labels: ArrayLike,
+        weights: ArrayLike | None = None,
+        diagnostics: tuple[Phase, ...] = (),
+        *,
+        epsilon: float | None = None,
+    ) -> None:
+        super().__init__(surface, labels, weights, epsilon=epsilon)
+        object.__setattr__(self, "diagnostics", diagnostics)
 
 
 @dataclass(frozen=True)
@@ -165,8 +179,7 @@ def partition(
     Returns
     -------
     Partition
-        Charts by area, the largest first. The weights are the shares of the charts in the faces
-        around each vertex.
+        Charts by area, the largest first.
 
     Raises
     ------
@@ -180,10 +193,11 @@ def partition(
     QualityWarning
         Where a bound is not met.
     """
-    _check(distortion, max_distortion, max_charts, effort, seed)
+    check_options(distortion, max_distortion, max_charts, effort, seed)
     log = _Log([], perf_counter(), progress)
-    surfaces = _simplifications(surface)
-    cores = [_core.Partition(each._mesh, distortion) for each in surfaces]
+    transfers = _simplifications(surface)
+    surfaces = [*(transfer.target for transfer in transfers), surface]
+    cores = [each.one_chart(distortion) for each in surfaces]
     if max_distortion is not None or max_charts is not None:
         distortion = _weight(cores[0], max_distortion, max_charts)
     for _ in range(_ATTEMPTS):
@@ -191,7 +205,7 @@ def partition(
             core.set_distortion(distortion)
         _search(cores[0], surfaces[0], _PERTURBATIONS[effort], seed, log)
         for k in range(1, len(cores)):
-            labels = labels_from(surfaces[k - 1], cores[k - 1].labels(), surfaces[k])
+            labels = cores[k - 1].labels()[transfers[k - 1].parent_face]
             _refine(cores[k], surfaces[k], labels, log)
         last = _repair(cores[-1], surface, log)
         if max_charts is not None and last.n_charts > max_charts:
@@ -207,7 +221,7 @@ def partition(
             break
     _warn(last, max_distortion, max_charts)
     labels = _by_area(cores[-1].labels(), surface)
-    return Partition(surface, labels, _shares(surface, labels), tuple(log.phases))
+    return Partition(surface, labels, diagnostics=tuple(log.phases))
 
 
 def _search(
@@ -250,17 +264,17 @@ def _repair(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
     return last
 
 
-def _simplifications(surface: Surface) -> list[Surface]:
-    """The surface and, before it, simplified ones, each with at most a quarter of its faces."""
-    surfaces = [surface]
+def _simplifications(surface: Surface) -> list[Transfer]:
+    """Transfers to simplified surfaces, the coarsest first, each made of the next one's target."""
     counts = [_COARSE_FACES]
     while counts[-1] * _RATIO**2 < surface.n_faces:
         counts.append(counts[-1] * _RATIO)
+    transfers: list[Transfer] = []
     for n_faces in reversed(counts):
-        coarse = simplified(surface, n_faces)
-        if coarse.n_faces < surfaces[0].n_faces:
-            surfaces.insert(0, coarse)
-    return surfaces
+        transfer = coarsen(transfers[0].target if transfers else surface, n_faces)
+        if transfer is not None:
+            transfers.insert(0, transfer)
+    return transfers
 
 
 def _descend(core: _core.Partition, surface: Surface, name: str, log: _Log) -> Phase:
@@ -319,22 +333,14 @@ def _by_area(labels: Ints, surface: Surface) -> Ints:
     return rank[labels].astype(np.int64)
 
 
-def _shares(surface: Surface, labels: Ints) -> Floats:
-    """Share of each label in the faces around each vertex, (k, n)."""
-    n, count = surface.n_vertices, int(labels.max()) + 1
-    places = (labels[:, None] * n + surface.faces).reshape(-1)
-    faces = np.bincount(places, minlength=count * n).reshape(count, n)
-    shares: Floats = faces / faces.sum(axis=0)
-    return shares
-
-
-def _check(
-    distortion: float,
-    max_distortion: float | None,
-    max_charts: int | None,
-    effort: str,
-    seed: int,
+def check_options(
+    distortion: float = 600.0,
+    max_distortion: float | None = None,
+    max_charts: int | None = None,
+    effort: str = "normal",
+    seed: int = 0,
 ) -> None:
+    """Raise ValueError where `partition` would refuse its options."""
     bounds = {"distortion": distortion, "max_distortion": max_distortion}
     for name, value in bounds.items():
         if value is not None and not (np.isfinite(value) and value > 0):

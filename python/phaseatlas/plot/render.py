@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -31,8 +32,6 @@ __all__ = [
 Colour = Callable[[SurfacePoints], Floats]
 
 _SUPERSAMPLING = 2
-# Pixel candidates handled at once; bounds memory, not the result.
-_CHUNK = 4_000_000
 _LIGHT = np.array([-0.42, 0.58, 0.70])
 _BACK_COLOUR = np.array([0.62, 0.60, 0.58])
 _SMOOTH_COSINE = 0.75
@@ -148,12 +147,14 @@ def render_views(
     width = int(np.ceil((span[0] * scale + 0.04 * height) / _SUPERSAMPLING)) * _SUPERSAMPLING
     normals = _corner_normals(surface)
     closed = bool((surface.face_neighbours >= 0).all())
-    return [
-        _render_view(
+
+    def view(points: Floats, camera: Floats) -> Floats:
+        return _render_view(
             surface.faces, normals @ camera.T, points, colour, closed, scale, width, height
         )
-        for points, camera in zip(projected, cameras, strict=False)
-    ]
+
+    with ThreadPoolExecutor(views) as pool:
+        return list(pool.map(view, projected, cameras))
 
 
 def _camera(surface: Surface, direction: Sequence[float] | None) -> Floats:
@@ -222,7 +223,6 @@ def _render_view(
     points_hit = SurfacePoints(hit, barycentric(corners, centre))
     shade = _shade(points_hit.interpolate(normals))
     colours = colour(points_hit)
-    # Pixels run down, so a face turned to the viewer runs clockwise in them.
     behind = flat_areas(corners, signed=True) > 0.0
     colours[behind] = 0.25 * colours[behind] + 0.75 * _BACK_COLOUR
     canvas = np.ones((height, width, 3))
@@ -232,36 +232,15 @@ def _render_view(
     return view
 
 
-def _visible_faces(
-    corners: Floats, depth: Floats, width: int, height: int, closed: bool
-) -> NDArray[np.int64]:
-    """Nearest face at every pixel centre, -1 for none."""
-    limit = np.array([width, height])
-    low = np.clip(np.ceil(corners.min(axis=1) - 0.5), 0, limit).astype(np.int64)
-    high = np.clip(np.floor(corners.max(axis=1) - 0.5) + 1, low, limit).astype(np.int64)
-    box = high - low
-    candidates = box.prod(axis=1)
-    cross = 2.0 * flat_areas(corners, signed=True)
-    candidates[(cross >= 0.0) if closed else (cross == 0.0)] = 0
-    order = np.flatnonzero(candidates)
-    ends = np.cumsum(candidates[order])
-    cuts = np.searchsorted(ends, np.arange(_CHUNK, candidates.sum(), _CHUNK))
-    nearest = np.full(width * height, -np.inf)
-    face = np.full(width * height, -1, dtype=np.int64)
-    for chunk in np.split(order, cuts):
-        counts = candidates[chunk]
-        owner = np.repeat(chunk, counts)
-        k = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-        x, y = low[owner, 0] + k % box[owner, 0], low[owner, 1] + k // box[owner, 0]
-        bary = barycentric(corners[owner], np.stack([x + 0.5, y + 0.5], axis=1), clip=False)
-        # A little over the edge: rounding must not leave gaps between neighbours.
-        inside = bary.min(axis=1) >= -1e-6
-        owner, pixel = owner[inside], (y * width + x)[inside]
-        z = np.einsum("pk,pk->p", depth[owner], bary[inside])
-        np.maximum.at(nearest, pixel, z)
-        front = z >= nearest[pixel]
-        face[pixel[front]] = owner[front]
-    return face.reshape(height, width)
+def _visible_faces(corners: Floats, height: Floats, width: int, rows: int, closed: bool) -> Ints:
+    """Nearest face at every pixel centre, (rows, width), -1 for none; a solid has no back."""
+    # Pixels run down, so a face turned to the viewer runs clockwise in them.
+    drawn = np.flatnonzero((flat_areas(corners, signed=True) < 0.0) | (not closed))
+    side = max(width, rows)
+    uv = (corners[drawn] * [1.0, -1.0] + [0.0, side]) / side
+    found = _core.nearest(uv, np.ascontiguousarray(height[drawn]), side)[:rows, :width]
+    # The last entry is that of no face.
+    return np.append(drawn, -1)[found]
 
 
 def _shade(normals: Floats) -> Floats:

@@ -7,13 +7,14 @@ of.
 from .node import CollapsedError, Diagnostics, DisconnectedError, Progress, StoppedError
 from .options import Options
 from .segment import segment
-from .segmentation import Segmentation
+from .segmentation import MergeTree, Segmentation
 from .tree import SegmentTree, TreeNode
 
 __all__ = [
     "CollapsedError",
     "Diagnostics",
     "DisconnectedError",
+    "MergeTree",
     "Options",
     "Progress",
     "SegmentTree",

@@ -168,7 +168,7 @@ def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None)
         if levels is not None:
             raise ValueError("shares: must be given without levels")
         if parts.ndim != 1 or len(parts) < 2:
-            raise ValueError(f"shares: shape {parts.shape}, expected (k,) with k at least 2")
+            raise ValueError(f"shares: shape {parts.shape} must be (k,) with k at least 2")
         if not (np.isfinite(parts) & (parts > 0)).all():
             wrong = int(np.argmin(np.isfinite(parts) & (parts > 0)))
             raise ValueError(f"shares[{wrong}]: {parts[wrong]} must be a positive number")
@@ -204,7 +204,7 @@ def _given_fields(
     fields = np.asarray(initial, dtype=np.float64)
     shapes = [(surface.n_vertices,), (len(split), surface.n_vertices)]
     if fields.shape not in shapes:
-        raise ValueError(f"initial: shape {fields.shape}, expected {shapes[0]} or {shapes[1]}")
+        raise ValueError(f"initial: shape {fields.shape} must be {shapes[0]} or {shapes[1]}")
     fields = fields.reshape(-1, surface.n_vertices)
     return {k: surface.vector("initial", field) for k, field in zip(split, fields, strict=False)}
 

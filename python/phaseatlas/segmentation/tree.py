@@ -206,11 +206,13 @@ class SegmentTree:
         ValueError
             For a level outside 0..levels.
         """
-        return Segmentation(self.surface, self.labels_at(level), self.weights_at(level))
+        return Segmentation(
+            self.surface, self.labels_at(level), self.weights_at(level), epsilon=self.epsilon
+        )
 
     @cached_property
     def _leaves(self) -> Segmentation:
-        return Segmentation(self.surface, self.labels, self.weights)
+        return Segmentation(self.surface, self.labels, self.weights, epsilon=self.epsilon)
 
     @property
     def shares(self) -> Floats:
@@ -305,11 +307,11 @@ def _tree(arrays: dict[str, Any]) -> SegmentTree:
     }
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
-            raise ValueError(f"{name}: shape {arrays[name].shape}, expected {shape}")
+            raise ValueError(f"{name}: shape {arrays[name].shape} must be {shape}")
     if len(records) != len(inner):
-        raise ValueError(f"diagnostics: {len(records)} records, expected {len(inner)}")
+        raise ValueError(f"diagnostics: {len(records)} records must be {len(inner)}")
     if not np.issubdtype(labels.dtype, np.integer):
-        raise ValueError(f"labels: dtype {labels.dtype}, expected an integer")
+        raise ValueError(f"labels: dtype {labels.dtype} must be an integer type")
     if not np.isfinite(arrays["fields"]).all():
         raise ValueError("fields: not all finite")
     if not 0 <= float(arrays["delta"]) < 1:

@@ -35,6 +35,7 @@ mod parallel;
 pub mod partition;
 pub mod potentials;
 pub mod raster;
+pub mod repair;
 pub mod surface;
 #[cfg(test)]
 mod testing;

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::error::{Error, Result, check_parameter, try_filled};
+use crate::error::{Error, Result, check_length, check_parameter, try_filled};
 
 /// Largest side of a texture in texels: an offset between two of its rows takes 16 bits.
 pub const MAX_RESOLUTION: usize = 32768;
@@ -73,6 +73,79 @@ pub fn rasterize(uv: &[[f64; 2]], resolution: usize) -> Result<Raster> {
             });
         });
     Ok(Raster { face, count })
+}
+
+/// The triangle that is nearest to the viewer at each texel; -1 where there is none.
+///
+/// As [`rasterize`], with a height of each corner towards the viewer, three a triangle and linear in it.
+/// Of triangles of equal height the first counts.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::raster::nearest;
+///
+/// # fn main() -> phaseatlas_core::Result<()> {
+/// let half = [[0.0, 0.0], [0.5, 0.0], [0.5, 1.0]];
+/// let whole = [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]];
+/// let face = nearest(&[half, whole].concat(), &[[1.0; 3], [0.0; 3]], 4)?;
+/// assert_eq!(face[12..], [0, 0, 1, 1]);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// As [`rasterize`], and other than one triple of heights a triangle.
+pub fn nearest(uv: &[[f64; 2]], heights: &[[f64; 3]], resolution: usize) -> Result<Vec<i32>> {
+    let strips = Strips::new(uv, resolution)?;
+    check_length("heights", heights.len(), uv.len() / 3)?;
+    let mut face = try_filled("resolution", resolution * resolution, -1_i32)?;
+    face.par_chunks_mut(STRIP * resolution)
+        .enumerate()
+        .for_each(|(strip, face)| {
+            let mut highest = vec![f64::NEG_INFINITY; face.len()];
+            strips.cover(strip, |triangle, texels| {
+                let plane = Plane::new(strips.corners(triangle), heights[triangle]);
+                for texel in texels {
+                    let row = strip * STRIP + texel / resolution;
+                    let height = plane.at(texel % resolution, row, resolution);
+                    if height > highest[texel] {
+                        highest[texel] = height;
+                        face[texel] = triangle as i32;
+                    }
+                }
+            });
+        });
+    Ok(face)
+}
+
+/// A height that is linear over a triangle.
+struct Plane {
+    origin: [f64; 2],
+    height: f64,
+    slope: [f64; 2],
+}
+
+impl Plane {
+    fn new(&[a, b, c]: &[[f64; 2]; 3], heights: [f64; 3]) -> Self {
+        let (p, q) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
+        let (s, t) = (heights[1] - heights[0], heights[2] - heights[0]);
+        let area = p[0] * q[1] - p[1] * q[0];
+        Self {
+            origin: a,
+            height: heights[0],
+            slope: [(s * q[1] - t * p[1]) / area, (t * p[0] - s * q[0]) / area],
+        }
+    }
+
+    /// The height at the centre of a texel.
+    fn at(&self, column: usize, row: usize, resolution: usize) -> f64 {
+        let side = resolution as f64;
+        let (u, v) = (
+            (column as f64 + 0.5) / side,
+            1.0 - (row as f64 + 0.5) / side,
+        );
+        self.height + self.slope[0] * (u - self.origin[0]) + self.slope[1] * (v - self.origin[1])
+    }
 }
 
 /// The triangles of a layout, three corners each, by the strips of [`STRIP`] rows that they may cover.

@@ -1,8 +1,9 @@
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use phaseatlas_core::flatten as core;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::mesh::{TriangleMesh, array2};
+use crate::mesh::{TriangleMesh, array2, rows};
 use crate::pool::detached;
 use crate::to_python;
 
@@ -21,6 +22,19 @@ pub struct CutChart {
     length: f64,
 }
 
+impl CutChart {
+    fn new(py: Python<'_>, chart: core::ChartMesh) -> PyResult<Self> {
+        Ok(Self {
+            triangles: triangles(py, &chart.mesh)?,
+            mesh: Py::new(py, TriangleMesh::new(chart.mesh))?,
+            vertices: PyArray1::from_iter(py, chart.vertices.iter().map(|&v| i64::from(v)))
+                .unbind(),
+            euler_characteristic: chart.euler_characteristic,
+            length: chart.cut_length,
+        })
+    }
+}
+
 #[pyfunction]
 pub fn cut_chart(
     py: Python<'_>,
@@ -29,20 +43,7 @@ pub fn cut_chart(
 ) -> PyResult<CutChart> {
     let faces = faces.as_slice()?;
     let chart = detached(py, || core::ChartMesh::new(mesh.core(), faces))?.map_err(to_python)?;
-    let triangles: Vec<[i64; 3]> = chart
-        .mesh
-        .faces()
-        .iter()
-        .map(|face| face.map(i64::from))
-        .collect();
-    let vertices: Vec<i64> = chart.vertices.iter().map(|&v| i64::from(v)).collect();
-    Ok(CutChart {
-        mesh: Py::new(py, TriangleMesh::new(chart.mesh))?,
-        triangles: array2(py, &triangles)?.unbind(),
-        vertices: PyArray1::from_vec(py, vertices).unbind(),
-        euler_characteristic: chart.euler_characteristic,
-        length: chart.cut_length,
-    })
+    CutChart::new(py, chart)
 }
 
 /// Least-squares conformal map of a disk, one point a vertex.
@@ -69,4 +70,114 @@ pub fn bff(py: Python<'_>, mesh: &TriangleMesh) -> PyResult<ScaledMap> {
         uv: array2(py, &flat.uv)?.unbind(),
         log_scale: PyArray1::from_vec(py, flat.log_scale).unbind(),
     })
+}
+
+/// Map of a disk that keeps lengths best and is a bijection.
+#[pyfunction]
+pub fn isometric<'py>(py: Python<'py>, mesh: &TriangleMesh) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let uv = detached(py, || core::isometric(mesh.core()))?.map_err(to_python)?;
+    array2(py, &uv)
+}
+
+/// Energy of a map and its gradient, a row a vertex.
+#[pyfunction]
+pub fn symmetric_dirichlet<'py>(
+    py: Python<'py>,
+    mesh: &TriangleMesh,
+    uv: PyReadonlyArray2<'_, f64>,
+) -> PyResult<(f64, Bound<'py, PyArray2<f64>>)> {
+    let uv = rows("uv", &uv)?;
+    let (energy, gradient) =
+        detached(py, || core::symmetric_dirichlet(mesh.core(), &uv))?.map_err(to_python)?;
+    Ok((energy, array2(py, &gradient)?))
+}
+
+/// The vertices of a mesh in coordinates of its plane.
+#[pyfunction]
+pub fn in_plane<'py>(py: Python<'py>, mesh: &TriangleMesh) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    array2(py, &core::in_plane(mesh.core()))
+}
+
+/// The map of the first vertices of a mesh, extended to all.
+#[pyfunction]
+pub fn extend<'py>(
+    py: Python<'py>,
+    mesh: &TriangleMesh,
+    uv: PyReadonlyArray2<'_, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let uv = rows("uv", &uv)?;
+    let uv = detached(py, || core::extend(mesh.core(), &uv))?.map_err(to_python)?;
+    array2(py, &uv)
+}
+
+/// Faces turned over, whether the boundary crosses itself, faces too thin to be judged.
+#[pyfunction]
+pub fn faults(
+    py: Python<'_>,
+    triangles: PyReadonlyArray2<'_, i64>,
+    uv: PyReadonlyArray2<'_, f64>,
+    thin: f64,
+) -> PyResult<(usize, bool, usize)> {
+    let uv = rows("uv", &uv)?;
+    let faces = rows::<3, i64>("triangles", &triangles)?
+        .iter()
+        .map(|face| {
+            let vertex = |v: i64| u32::try_from(v).ok().filter(|&v| (v as usize) < uv.len());
+            match face.map(vertex) {
+                [Some(a), Some(b), Some(c)] => Ok([a, b, c]),
+                _ => Err(PyValueError::new_err(format!(
+                    "triangles: {face:?} must be in 0..{}",
+                    uv.len()
+                ))),
+            }
+        })
+        .collect::<PyResult<Vec<_>>>()?;
+    let found = detached(py, || core::faults(&faces, &uv, thin))?;
+    Ok((found.flips, found.crosses, found.thin))
+}
+
+/// A chart alone, and with faces around it attached.
+#[pyclass(frozen, get_all, module = "phaseatlas._core")]
+pub struct GrownChart {
+    /// The chart, which a flat piece with holes is as it is.
+    chart: Py<CutChart>,
+    /// Both; the vertices and faces of the chart come first.
+    mesh: Py<TriangleMesh>,
+    triangles: Py<PyArray2<i64>>,
+    /// The surface vertex of each vertex.
+    vertices: Py<PyArray1<i64>>,
+    /// The surface face of each face.
+    faces: Py<PyArray1<i64>>,
+}
+
+#[pyfunction]
+pub fn grow_chart(
+    py: Python<'_>,
+    mesh: &TriangleMesh,
+    faces: PyReadonlyArray1<'_, i64>,
+    around: PyReadonlyArray1<'_, i64>,
+) -> PyResult<GrownChart> {
+    let (faces, around) = (faces.as_slice()?, around.as_slice()?);
+    let (chart, grown) = detached(py, || {
+        let chart = core::ChartMesh::with_flat_holes(mesh.core(), faces)?;
+        let grown = core::grow(mesh.core(), &chart, faces, around)?;
+        Ok((chart, grown))
+    })?
+    .map_err(to_python)?;
+    Ok(GrownChart {
+        chart: Py::new(py, CutChart::new(py, chart)?)?,
+        triangles: triangles(py, &grown.mesh)?,
+        mesh: Py::new(py, TriangleMesh::new(grown.mesh))?,
+        vertices: PyArray1::from_iter(py, grown.vertices.iter().map(|&v| i64::from(v))).unbind(),
+        faces: PyArray1::from_vec(py, grown.faces).unbind(),
+    })
+}
+
+fn triangles(py: Python<'_>, mesh: &phaseatlas_core::TriangleMesh) -> PyResult<Py<PyArray2<i64>>> {
+    let faces: Vec<[i64; 3]> = mesh
+        .faces()
+        .iter()
+        .map(|face| face.map(i64::from))
+        .collect();
+    Ok(array2(py, &faces)?.unbind())
 }

@@ -63,21 +63,30 @@ impl TriangleMesh {
 #[pymethods]
 impl TriangleMesh {
     #[new]
-    #[pyo3(signature = (vertices, faces, *, accepted = false))]
+    #[pyo3(signature = (vertices, faces, *, accepted = false, pieces = false, seam_costs = None))]
     fn from_arrays(
         py: Python<'_>,
         vertices: PyReadonlyArray2<'_, f64>,
         faces: PyReadonlyArray2<'_, i64>,
         accepted: bool,
+        pieces: bool,
+        seam_costs: Option<PyReadonlyArray2<'_, f64>>,
     ) -> PyResult<Self> {
         let vertices = rows::<3, f64>("vertices", &vertices)?;
         let faces = rows::<3, i64>("faces", &faces)?;
-        let build = if accepted {
-            CoreMesh::accepted
-        } else {
-            CoreMesh::new
+        let costs = seam_costs
+            .map(|costs| rows::<3, f64>("seam_costs", &costs))
+            .transpose()?;
+        let build = match (accepted, pieces) {
+            (_, true) => CoreMesh::pieces,
+            (true, false) => CoreMesh::accepted,
+            (false, false) => CoreMesh::new,
         };
-        let core = detached(py, || build(vertices, &faces))?.map_err(to_python)?;
+        let core = detached(py, || match costs {
+            Some(costs) => build(vertices, &faces)?.with_seam_costs(&costs),
+            None => build(vertices, &faces),
+        });
+        let core = core?.map_err(to_python)?;
         Ok(Self::new(core))
     }
 

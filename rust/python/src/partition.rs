@@ -1,8 +1,8 @@
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use phaseatlas_core::partition as core;
 use pyo3::prelude::*;
 
-use crate::mesh::TriangleMesh;
+use crate::mesh::{TriangleMesh, array2};
 use crate::pool::detached;
 use crate::to_python;
 
@@ -14,6 +14,8 @@ pub struct Partition {
 
 /// Energy, seam, cuts, distortion, overlap, area of the smallest chart; charts, overlapping charts.
 type Figures = (f64, f64, f64, f64, f64, f64, usize, usize);
+
+type Merges<'py> = (Bound<'py, PyArray2<i64>>, Bound<'py, PyArray1<f64>>);
 
 #[pymethods]
 impl Partition {
@@ -64,6 +66,17 @@ impl Partition {
 
     fn merge(&mut self, py: Python<'_>) -> PyResult<()> {
         detached(py, || self.core.merge())
+    }
+
+    /// Pairs of charts, and the energy after each merge.
+    fn merges<'py>(&self, py: Python<'py>) -> PyResult<Merges<'py>> {
+        let merges = detached(py, || self.core.merges())?;
+        let pairs: Vec<[i64; 2]> = merges
+            .iter()
+            .map(|merge| [merge.pair.0.into(), merge.pair.1.into()])
+            .collect();
+        let energies = PyArray1::from_iter(py, merges.iter().map(|merge| merge.energy));
+        Ok((array2(py, &pairs)?, energies))
     }
 
     fn sweep(&mut self, py: Python<'_>) -> PyResult<bool> {

@@ -1,4 +1,7 @@
-use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
 use phaseatlas_core::raster;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -34,4 +37,20 @@ pub fn rasterize<'py>(
         result.face.into_pyarray(py).reshape(shape)?,
         result.count.into_pyarray(py).reshape(shape)?,
     ))
+}
+
+/// The face that is nearest to the viewer at each texel centre, -1 for none, rows from the top.
+#[pyfunction]
+pub fn nearest<'py>(
+    py: Python<'py>,
+    uv: PyReadonlyArray3<'_, f64>,
+    heights: PyReadonlyArray2<'_, f64>,
+    resolution: usize,
+) -> PyResult<Bound<'py, PyArray2<i32>>> {
+    let corners = corners(&uv)?;
+    let heights = heights.as_slice()?.as_chunks().0;
+    let face = detached(py, || raster::nearest(corners, heights, resolution))?;
+    face.map_err(to_python)?
+        .into_pyarray(py)
+        .reshape([resolution, resolution])
 }

@@ -1,6 +1,7 @@
 //! A set of faces as a mesh of its own, cut to a disk.
 
 use super::cut::cut_to_disk;
+use super::plane::is_planar;
 use crate::error::{Error, Result};
 use crate::mesh::TriangleMesh;
 
@@ -40,18 +41,25 @@ impl ChartMesh {
     /// [`Error::Empty`] for no faces, [`Error::IndexOutOfRange`], [`Error::Disconnected`] for
     /// faces that do not connect across edges.
     pub fn new(surface: &TriangleMesh, faces: &[i64]) -> Result<Self> {
-        for (index, &f) in faces.iter().enumerate() {
-            if f < 0 || f as usize >= surface.n_faces() {
-                return Err(Error::Topology {
-                    argument: "faces",
-                    reason: format!("faces[{index}] = {f} is outside 0..{}", surface.n_faces()),
-                });
-            }
-        }
+        Self::build(surface, faces, false)
+    }
+
+    /// As [`Self::new`], but a piece of a plane is left with its holes.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_flat_holes(surface: &TriangleMesh, faces: &[i64]) -> Result<Self> {
+        Self::build(surface, faces, true)
+    }
+
+    fn build(surface: &TriangleMesh, faces: &[i64], keep_holes: bool) -> Result<Self> {
+        check_faces("faces", surface, faces)?;
         let corners: Vec<[u32; 3]> = faces.iter().map(|&f| surface.faces()[f as usize]).collect();
         let domain = Submesh::new(surface, &corners)?;
         let euler_characteristic = domain.mesh.euler_characteristic();
-        if euler_characteristic == 1 {
+        // A flat piece with holes is in the plane as it is.
+        let with_holes = domain.mesh.n_boundary_loops() > 1 && domain.mesh.genus() == 0;
+        if euler_characteristic == 1 || (keep_holes && with_holes && is_planar(&domain.mesh)) {
             return Ok(Self {
                 mesh: domain.mesh,
                 vertices: domain.vertices,
@@ -87,6 +95,26 @@ impl ChartMesh {
             cut_length: cut.length,
         })
     }
+}
+
+/// Refuses faces that are not of the surface.
+pub(super) fn check_faces(
+    argument: &'static str,
+    surface: &TriangleMesh,
+    faces: &[i64],
+) -> Result<()> {
+    for (index, &f) in faces.iter().enumerate() {
+        if f < 0 || f as usize >= surface.n_faces() {
+            return Err(Error::Topology {
+                argument,
+                reason: format!(
+                    "{argument}[{index}] = {f} is outside 0..{}",
+                    surface.n_faces()
+                ),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Faces with vertices numbered in order of first use; a vertex where the faces touch without

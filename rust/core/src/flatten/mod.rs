@@ -2,10 +2,25 @@
 
 mod bff;
 mod chart;
+mod contact;
 mod cut;
+mod dirichlet;
 mod disk;
+mod extend;
+mod grow;
+mod injective;
+mod isometric;
 mod lscm;
+mod plane;
+pub(crate) mod polygon;
+mod tutte;
 
 pub use bff::{Bff, bff};
 pub use chart::ChartMesh;
+pub use dirichlet::symmetric_dirichlet;
+pub use extend::extend;
+pub use grow::{Grown, grow};
+pub use injective::{Faults, faults};
+pub use isometric::isometric;
 pub use lscm::lscm;
+pub use plane::in_plane;

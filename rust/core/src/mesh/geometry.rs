@@ -37,16 +37,8 @@ impl Geometry {
         };
         for (face, corners) in faces.iter().enumerate() {
             let p = corners.map(|v| vertices[v as usize]);
-            let normal = cross(subtract(p[1], p[0]), subtract(p[2], p[0]));
-            let double_area = dot(normal, normal).sqrt();
-            let diameter = (0..3)
-                .map(|k| distance(p[k], p[(k + 1) % 3]))
-                .fold(0.0, f64::max);
-            // Huge coordinates overflow to infinity or NaN.
-            if double_area.is_nan()
-                || double_area <= degenerate * diameter * diameter
-                || double_area.is_infinite()
-            {
+            let (double_area, diameter) = extent(p);
+            if !has_area(double_area, diameter, degenerate) {
                 return Err(Error::DegenerateFace {
                     face,
                     vertices: *corners,
@@ -76,20 +68,41 @@ impl Geometry {
     }
 }
 
+/// Twice the area of a triangle, and its longest edge.
+fn extent(p: [[f64; 3]; 3]) -> (f64, f64) {
+    let normal = cross(subtract(p[1], p[0]), subtract(p[2], p[0]));
+    let diameter = (0..3)
+        .map(|k| distance(p[k], p[(k + 1) % 3]))
+        .fold(0.0, f64::max);
+    (dot(normal, normal).sqrt(), diameter)
+}
+
+/// Whether an area is one beside the longest edge. Huge coordinates overflow to infinity or NaN.
+fn has_area(double_area: f64, diameter: f64, degenerate: f64) -> bool {
+    double_area > degenerate * diameter * diameter && double_area.is_finite()
+}
+
+/// Whether a mesh takes a triangle: twice its area is more than `degenerate` times its longest edge
+/// squared.
+pub(crate) fn is_face(p: [[f64; 3]; 3], degenerate: f64) -> bool {
+    let (double_area, diameter) = extent(p);
+    has_area(double_area, diameter, degenerate)
+}
+
 pub(crate) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     let d = subtract(a, b);
     dot(d, d).sqrt()
 }
 
-fn subtract(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(crate) fn subtract(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],

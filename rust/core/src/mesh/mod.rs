@@ -3,18 +3,18 @@
 mod geometry;
 mod topology;
 
-use crate::error::Result;
+use crate::error::{Result, check_length, check_positive};
 use geometry::Geometry;
-pub(crate) use geometry::distance;
+pub(crate) use geometry::{cross, distance, dot, is_face, subtract};
 use topology::Topology;
 pub use topology::{Adjacency, NONE};
 
 /// A face is degenerate where twice its area is at most this fraction of its longest edge squared:
 /// the area then has fewer than four digits.
-const DEGENERATE: f64 = 1e-12;
+pub(crate) const DEGENERATE: f64 = 1e-12;
 
-/// An edge-manifold, vertex-manifold, consistently oriented, connected triangle mesh with or
-/// without boundary, and the quantities of section 3 that depend on it alone.
+/// An edge-manifold, vertex-manifold, consistently oriented triangle mesh with or without boundary,
+/// connected unless built of [`Self::pieces`], and the quantities of section 3 that depend on it alone.
 ///
 /// Half-edge `3 f + k` runs from corner `k` of face `f` to corner `(k + 1) % 3`.
 ///
@@ -37,6 +37,8 @@ pub struct TriangleMesh {
     vertices: Vec<[f64; 3]>,
     topology: Topology,
     geometry: Geometry,
+    /// Factor on the length of each edge where a seam runs along it; empty where all are 1.
+    seam_costs: Vec<f64>,
 }
 
 impl TriangleMesh {
@@ -45,7 +47,7 @@ impl TriangleMesh {
     /// # Errors
     /// Every defect of the input is an [`crate::Error`] that names the culprit: nothing is repaired.
     pub fn new(vertices: Vec<[f64; 3]>, faces: &[[i64; 3]]) -> Result<Self> {
-        Self::build(vertices, faces, DEGENERATE)
+        Self::build(vertices, faces, DEGENERATE, false)
     }
 
     /// Builds a mesh of faces that were accepted before, scaled or in part.
@@ -56,18 +58,60 @@ impl TriangleMesh {
     /// # Errors
     /// As [`Self::new`].
     pub fn accepted(vertices: Vec<[f64; 3]>, faces: &[[i64; 3]]) -> Result<Self> {
-        Self::build(vertices, faces, 0.0)
+        Self::build(vertices, faces, 0.0, false)
     }
 
-    fn build(vertices: Vec<[f64; 3]>, faces: &[[i64; 3]], degenerate: f64) -> Result<Self> {
+    /// Builds a mesh of pieces that need not hang together, each of which would be accepted.
+    ///
+    /// # Errors
+    /// As [`Self::accepted`], but for [`crate::Error::Disconnected`].
+    pub fn pieces(vertices: Vec<[f64; 3]>, faces: &[[i64; 3]]) -> Result<Self> {
+        Self::build(vertices, faces, 0.0, true)
+    }
+
+    fn build(
+        vertices: Vec<[f64; 3]>,
+        faces: &[[i64; 3]],
+        degenerate: f64,
+        apart: bool,
+    ) -> Result<Self> {
         let faces = topology::check_indices(&vertices, faces)?;
-        let topology = Topology::new(vertices.len(), faces)?;
+        let topology = Topology::new(vertices.len(), faces, apart)?;
         let geometry = Geometry::new(&vertices, &topology, degenerate)?;
         Ok(Self {
             vertices,
             topology,
             geometry,
+            seam_costs: Vec::new(),
         })
+    }
+
+    /// Gives every edge a factor on its length where a seam runs along it.
+    ///
+    /// There is one for each half-edge; an edge takes the larger of its two.
+    ///
+    /// # Errors
+    /// For another number of faces, or a factor that is not positive.
+    pub fn with_seam_costs(mut self, costs: &[[f64; 3]]) -> Result<Self> {
+        check_length("seam_costs", costs.len(), self.n_faces())?;
+        let costs = costs.as_flattened();
+        for &cost in costs {
+            check_positive("seam_costs", cost)?;
+        }
+        let larger = |&[h, opposite]: &[u32; 2]| {
+            let cost = costs[h as usize];
+            costs
+                .get(opposite as usize)
+                .map_or(cost, |&other| cost.max(other))
+        };
+        self.seam_costs = self.edge_half_edges().iter().map(larger).collect();
+        Ok(self)
+    }
+
+    /// What a seam along an edge costs for its length.
+    #[must_use]
+    pub fn seam_cost(&self, edge: usize) -> f64 {
+        self.seam_costs.get(edge).copied().unwrap_or(1.0)
     }
 
     /// Positions of the vertices.
@@ -148,7 +192,7 @@ impl TriangleMesh {
         self.vertices.len() as i64 - self.edges().len() as i64 + self.n_faces() as i64
     }
 
-    /// Genus of the surface after its boundary loops are capped.
+    /// Genus of a connected surface after its boundary loops are capped.
     #[must_use]
     pub fn genus(&self) -> i64 {
         (2 - self.euler_characteristic() - self.n_boundary_loops() as i64) / 2
@@ -248,6 +292,21 @@ mod tests {
     }
 
     #[test]
+    fn an_edge_costs_what_the_dearer_half_edge_does() {
+        let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let square = || TriangleMesh::new(corners.clone(), &[[0, 1, 2], [0, 2, 3]]).unwrap();
+        assert_eq!(square().seam_cost(1), 1.0);
+        let costs = [[1.0, 2.0, 3.0], [4.0, 5.0, 0.5]];
+        let mesh = square().with_seam_costs(&costs).unwrap();
+        let found: Vec<_> = (0..5).map(|edge| mesh.seam_cost(edge)).collect();
+        assert_eq!(found, [1.0, 4.0, 0.5, 2.0, 5.0]);
+        for bad in [[[1.0; 3], [0.0; 3]], [[1.0; 3], [f64::INFINITY; 3]]] {
+            assert!(square().with_seam_costs(&bad).is_err());
+        }
+        assert!(square().with_seam_costs(&costs[1..]).is_err());
+    }
+
+    #[test]
     fn defects_are_named() {
         let (vertices, faces) = tetrahedron();
         let build = |v: &[[f64; 3]], f: &[[i64; 3]]| TriangleMesh::new(v.to_vec(), f).unwrap_err();
@@ -307,6 +366,10 @@ mod tests {
         assert_eq!(
             build(&two, &both),
             Error::Disconnected { count: 2, face: 4 }
+        );
+        assert_eq!(
+            TriangleMesh::pieces(two, &both).unwrap().n_boundary_loops(),
+            0
         );
         let pinched = vec![
             [0.0; 3],

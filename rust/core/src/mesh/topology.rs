@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 /// No neighbour, no half-edge: the other side of a boundary edge.
 pub const NONE: u32 = u32::MAX;
 
-/// Faces that make one edge-manifold, vertex-manifold, consistently oriented, connected surface.
+/// Faces that make an edge-manifold, vertex-manifold, consistently oriented surface.
 #[derive(Debug)]
 pub(super) struct Topology {
     pub(super) faces: Vec<[u32; 3]>,
@@ -29,15 +29,17 @@ pub struct Adjacency {
 }
 
 impl Topology {
-    /// Joins the faces along their edges.
-    pub(super) fn new(n_vertices: usize, faces: Vec<[u32; 3]>) -> Result<Self> {
+    /// Joins the faces along their edges, to one piece or, where they may be `apart`, to several.
+    pub(super) fn new(n_vertices: usize, faces: Vec<[u32; 3]>, apart: bool) -> Result<Self> {
         let EdgeTable {
             edges,
             half_edges,
             neighbours,
         } = EdgeTable::new(&faces)?;
         check_fans(n_vertices, &faces, &neighbours)?;
-        check_connected(&neighbours)?;
+        if !apart {
+            check_connected(&neighbours)?;
+        }
         let mut after = vec![NONE; n_vertices];
         for half_edges in half_edges.iter().filter(|sides| sides[1] == NONE) {
             let [a, b] = ends(&faces, half_edges[0]);

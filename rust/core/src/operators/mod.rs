@@ -2,7 +2,9 @@
 //! systems that it makes.
 
 mod dirichlet;
+mod screened;
 mod stiffness;
 
 pub use dirichlet::DirichletSystem;
+pub use screened::Screened;
 pub use stiffness::Stiffness;

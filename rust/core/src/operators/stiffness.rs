@@ -34,23 +34,24 @@ impl Stiffness {
     /// The stiffness of the surface itself, w = 1.
     #[must_use]
     pub fn new(mesh: &TriangleMesh) -> Self {
-        let mut stiffness = Self {
-            edge_values: vec![0.0; mesh.edges().len()],
-            values: vec![0.0; mesh.adjacency().edges().len()],
-        };
-        stiffness.fill(mesh, |_| 1.0);
-        stiffness
+        Self::by_face(mesh, |_| 1.0)
     }
 
     /// The stiffness weighted with a vertex quantity, its value in a face the mean of the corners
     /// (midpoint quadrature, section 4), plus the constant `offset`.
     #[must_use]
     pub fn weighted(mesh: &TriangleMesh, weight: &[f64], offset: f64) -> Self {
+        Self::by_face(mesh, |f| mesh.face_mean(weight, f) + offset)
+    }
+
+    /// The stiffness weighted with a value for each face.
+    #[must_use]
+    pub fn by_face(mesh: &TriangleMesh, weight: impl Fn(usize) -> f64 + Sync) -> Self {
         let mut stiffness = Self {
             edge_values: vec![0.0; mesh.edges().len()],
             values: vec![0.0; mesh.adjacency().edges().len()],
         };
-        stiffness.refill(mesh, weight, offset);
+        stiffness.fill(mesh, weight);
         stiffness
     }
 

@@ -118,7 +118,7 @@ impl Disk {
                     met.push(v);
                 }
                 let across = geometry.across(h);
-                if !across.is_some_and(|g| marks.face(g).is_some()) {
+                if across.is_none_or(|g| marks.face(g).is_none()) {
                     n_boundary += 1;
                     if across.is_some() {
                         perimeter += geometry.lengths[h];

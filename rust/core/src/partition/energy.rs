@@ -7,9 +7,9 @@ use super::charts::union;
 use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
-use super::polygon::{covered_twice, is_simple, turn};
 use super::random::mixed;
 use crate::error::Result;
+use crate::flatten::polygon::{covered_twice, is_simple, turn};
 use crate::parallel::Buffers;
 
 /// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts
@@ -176,13 +176,22 @@ impl Energies {
 
     /// What the union of two charts costs; [`None`] where that is not below `limit`.
     pub fn cost_of_union(&self, a: &Chart, b: &Chart, rule: &Rule, limit: f64) -> Option<f64> {
+        if let Some(terms) = self.known(a.hash ^ b.hash)
+            && rule.least_cost(&terms) >= limit
+        {
+            return None;
+        }
+        let cost = self.cost_of_any_union(a, b, rule);
+        (cost < limit).then_some(cost)
+    }
+
+    /// What the union of two charts costs.
+    pub fn cost_of_any_union(&self, a: &Chart, b: &Chart, rule: &Rule) -> f64 {
         let hash = a.hash ^ b.hash;
-        let cost = match self.known(hash) {
-            Some(terms) if rule.least_cost(&terms) >= limit => return None,
+        match self.known(hash) {
             Some(terms) if rule.is_certain(&terms) => rule.cost(&terms),
             _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule).0),
-        };
-        (cost < limit).then_some(cost)
+        }
     }
 
     fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> (Terms, Option<Solution>) {

@@ -15,13 +15,13 @@ mod flow;
 mod geometry;
 mod merge;
 mod perturb;
-mod polygon;
 mod random;
 mod relax;
 mod repair;
 mod split;
 
 pub use energy::{Rule, Terms};
+pub use merge::Merge;
 
 use crate::error::{Result, check_length};
 use crate::surface::Surface;
@@ -164,6 +164,13 @@ impl Partition {
     /// Merges charts while the energy falls.
     pub fn merge(&mut self) {
         self.replace(merge::merge(&self.energies, &self.charts, &self.rule));
+    }
+
+    /// The merges of charts until no two are adjacent, the best first although the energy rises; the
+    /// partition itself stays as it is.
+    #[must_use]
+    pub fn merges(&self) -> Vec<Merge> {
+        merge::order(&self.energies, &self.charts, &self.rule)
     }
 
     /// Moves each boundary once; the next sweep knows which have come to rest. Whether more moves

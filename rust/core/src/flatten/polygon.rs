@@ -2,7 +2,8 @@
 
 use robust::{Coord, orient2d};
 
-type Point = [f64; 2];
+/// A point of the plane.
+pub(crate) type Point = [f64; 2];
 
 /// Lines along which the area covered twice is measured.
 const SCAN_LINES: usize = 256;
@@ -12,7 +13,7 @@ fn coord(p: Point) -> Coord<f64> {
 }
 
 /// Sign of the turn a, b, c, exact for the given numbers; positive to the left.
-pub(super) fn turn(a: Point, b: Point, c: Point) -> f64 {
+pub(crate) fn turn(a: Point, b: Point, c: Point) -> f64 {
     orient2d(coord(a), coord(b), coord(c))
 }
 
@@ -29,42 +30,62 @@ fn extent(points: &[Point]) -> [Point; 2] {
 }
 
 /// Whether no two sides of the closed polygon meet but neighbours in their common corner. Exact.
-pub(super) fn is_simple(points: &[Point]) -> bool {
-    let n = points.len();
-    let [low, high] = extent(points);
-    let cells = ((n as f64).sqrt().ceil() as usize).clamp(1, 512);
+pub(crate) fn is_simple(points: &[Point]) -> bool {
+    let n = points.len() as u32;
+    let sides: Vec<[u32; 2]> = (0..n).map(|i| [i, (i + 1) % n]).collect();
+    are_apart(points, &sides)
+}
+
+/// Whether no two sides, each between two of the points, meet but in a common corner. Exact.
+pub(crate) fn are_apart(points: &[Point], sides: &[[u32; 2]]) -> bool {
+    let ends = |side: usize| sides[side].map(|p| points[p as usize]);
+    let corners: Vec<Point> = sides
+        .iter()
+        .map(|side| points[side[0] as usize])
+        .chain(sides.iter().map(|side| points[side[1] as usize]))
+        .collect();
+    let [low, high] = extent(&corners);
+    let cells = ((sides.len() as f64).sqrt().ceil() as usize).clamp(1, 512);
     let size = [0, 1].map(|axis| (high[axis] - low[axis]).max(f64::MIN_POSITIVE) / cells as f64);
     if !size.iter().chain(&low).all(|x| x.is_finite()) {
-        return false;
+        return sides.is_empty();
     }
     let cell = |x: f64, axis: usize| (((x - low[axis]) / size[axis]) as usize).min(cells - 1);
-    let mut sides: Vec<(u32, u32)> = Vec::with_capacity(3 * n);
-    for i in 0..n {
-        let (p, q) = (points[i], points[(i + 1) % n]);
+    let mut places: Vec<(u32, u32)> = Vec::with_capacity(3 * sides.len());
+    for i in 0..sides.len() {
+        let [p, q] = ends(i);
         let [x, y] =
             [0, 1].map(|axis| cell(p[axis].min(q[axis]), axis)..=cell(p[axis].max(q[axis]), axis));
         for row in y {
             for column in x.clone() {
-                sides.push(((row * cells + column) as u32, i as u32));
+                places.push(((row * cells + column) as u32, i as u32));
             }
         }
     }
-    sides.sort_unstable();
-    sides.chunk_by(|a, b| a.0 == b.0).all(|group| {
+    places.sort_unstable();
+    places.chunk_by(|a, b| a.0 == b.0).all(|group| {
         group.iter().enumerate().all(|(k, &(_, i))| {
             group[k + 1..].iter().all(|&(_, j)| {
-                let (i, j) = (i as usize, j as usize);
-                let neighbours = j == i + 1 || (i == 0 && j == n - 1);
-                neighbours
-                    || !meet(
-                        points[i],
-                        points[(i + 1) % n],
-                        points[j],
-                        points[(j + 1) % n],
-                    )
+                let [[a, b], [c, d]] = [sides[i as usize], sides[j as usize]];
+                let at = |p: u32| points[p as usize];
+                let apart = |common: u32, p: u32, q: u32| !is_spike(at(common), at(p), at(q));
+                match (a == c, a == d, b == c, b == d) {
+                    (false, false, false, false) => !meet(at(a), at(b), at(c), at(d)),
+                    (true, _, _, false) => apart(a, b, d),
+                    (_, true, false, _) => apart(a, b, c),
+                    (_, false, true, _) => apart(b, a, d),
+                    (false, _, _, true) => apart(b, a, c),
+                    _ => false,
+                }
             })
         })
     })
+}
+
+/// Whether p and q lie in the same direction from `corner`.
+fn is_spike(corner: Point, p: Point, q: Point) -> bool {
+    turn(corner, p, q) == 0.0
+        && (0..2).any(|axis| (p[axis] - corner[axis]) * (q[axis] - corner[axis]) > 0.0)
 }
 
 /// Whether two closed segments have a point in common.
@@ -82,7 +103,7 @@ fn meet(a: Point, b: Point, c: Point, d: Point) -> bool {
 
 /// Area that the closed polygon covers more than once, each time counted, and that it covers
 /// from behind, along [`SCAN_LINES`] lines: the integral of max(w - 1, -w, 0), w the winding number.
-pub(super) fn covered_twice(points: &[Point]) -> f64 {
+pub(crate) fn covered_twice(points: &[Point]) -> f64 {
     let n = points.len();
     let [low, high] = extent(points);
     let spacing = (high[1] - low[1]) / SCAN_LINES as f64;
@@ -170,6 +191,24 @@ mod tests {
         let points = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
         assert!(!is_simple(&points));
         assert!((covered_twice(&points) - 0.25).abs() < 1e-3);
+    }
+
+    #[test]
+    fn spikes_are_meeting() {
+        assert!(!is_simple(&[
+            [0.0, 0.0],
+            [2.0, 0.0],
+            [3.0, 0.0],
+            [2.0, 0.0],
+            [1.0, 1.0]
+        ]));
+        assert!(!is_simple(&[
+            [0.0, 0.0],
+            [3.0, 0.0],
+            [2.0, 0.0],
+            [1.0, 1.0]
+        ]));
+        assert!(is_simple(&[[0.0, 0.0], [2.0, 0.0], [3.0, 0.0], [1.0, 1.0]]));
     }
 
     #[test]

@@ -1,0 +1,386 @@
+"""Files of meshes: read, and written again with new texture coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import unquote
+
+import numpy as np
+
+from ..arrays import Bytes, Floats
+from ..files import write_files
+from .accessors import Gltf, read_gltf
+from .convert_gltf import as_gltf
+from .convert_obj import as_obj
+from .gltf_edit import with_uv
+from .gltf_files import gltf_files
+from .gltf_meshes import Triangles, corners_of, materials_of, meshes_of, triangles_of
+from .mesh import Contents, Corners, Material, Mesh
+from .obj_document import free_stem, read_obj_source
+from .off import read_off
+from .picture import png
+from .ply import ply_of, ply_with_uv, read_ply
+from .ply_elements import Ply
+from .stl import read_stl
+
+__all__ = ["Document", "read_document"]
+
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+
+
+class Source(Protocol):
+    """What a file holds, and how it is written again in a format of its own kind."""
+
+    @property
+    def folder(self) -> Path: ...
+    @property
+    def named(self) -> tuple[Path, ...]: ...
+    @property
+    def meshes(self) -> tuple[Mesh, ...]: ...
+    @property
+    def materials(self) -> tuple[Material, ...]: ...
+    def corners(self, index: int) -> Corners: ...
+    def rewrite(
+        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+    ) -> Contents: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A file of meshes.
+
+    Attributes
+    ----------
+    path : Path
+        Of the file.
+    source : Source
+        Its content.
+    """
+
+    path: Path
+    source: Source
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """The meshes: glTF meshes, objects of an OBJ file, solids of an STL file."""
+        return self.source.meshes
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """What `Mesh.material_of` numbers."""
+        return self.source.materials
+
+    def corners(self, index: int) -> Corners:
+        """Old texture coordinates, normals and colours at the corners of a mesh."""
+        return self.source.corners(index)
+
+    def with_uv(
+        self,
+        path: str | PathLike[str],
+        uvs: Sequence[Floats],
+        *,
+        image: Bytes | None = None,
+        uv_set: int | None = None,
+    ) -> Contents:
+        """Return the file with new texture coordinates.
+
+        A file of the same format keeps all else. Another format keeps what it can hold, and the
+        notes say what is lost.
+
+        Parameters
+        ----------
+        path : str or PathLike
+            Where it is to be written: `.glb`, `.gltf` or `.obj`, or `.ply` for what was a PLY, STL
+            or OFF file. A PLY file has its coordinates as properties `s` and `t` of the vertices.
+        uvs : sequence of (c, 2) array
+            For each mesh the coordinates at its corners, v up.
+        image : (h, w, 3) array of uint8, optional
+            A texture for them, first row on top, which becomes the base colour of all materials.
+            Where it is not given none is made.
+        uv_set : int, optional
+            In a glTF file, the set to write; the others stay. By default the new coordinates are
+            set 0, and the old sets and the textures that use them move up by one.
+
+        Returns
+        -------
+        Contents
+            The file and those that it names, to be written together.
+
+        Raises
+        ------
+        ValueError
+            For another suffix, coordinates that do not fit the meshes, and a set that would leave
+            a gap.
+        """
+        path = Path(path)
+        kind = path.suffix.lower()
+        own = self.path.suffix.lower()
+        loose = own in (".ply", ".stl", ".off")
+        allowed = (".glb", ".gltf", ".obj", *([".ply"] if loose else []))
+        if kind not in allowed:
+            either = " or ".join(allowed)
+            raise ValueError(f"path: suffix {path.suffix!r} of {path} must be {either}")
+        given = [np.asarray(uv, dtype=np.float64) for uv in uvs]
+        if len(given) != len(self.meshes):
+            raise ValueError(f"uvs: {len(given)} arrays must be {len(self.meshes)}, one a mesh")
+        for k, (uv, mesh) in enumerate(zip(given, self.meshes, strict=True)):
+            if uv.shape != (len(mesh.corners), 2):
+                raise ValueError(f"uvs[{k}]: shape {uv.shape} must be ({len(mesh.corners)}, 2)")
+            if not np.isfinite(uv).all():
+                raise ValueError(f"uvs[{k}]: coordinates must be finite")
+        gltf = (".glb", ".gltf")
+        if kind == own or (kind in gltf and own in gltf):
+            if kind not in gltf:
+                _only_set(uv_set, 0)
+            return self.source.rewrite(path, given, image, uv_set)
+        carried = [self.corners(k) for k in range(len(self.meshes))]
+        if kind == ".ply":
+            _only_set(uv_set, 0)
+            return _as_ply(path, self.meshes, carried, given, image)
+        if kind == ".obj":
+            _only_set(uv_set, 0)
+            lost = self._lost(carried)
+            made = as_obj(
+                path,
+                self.source.named,
+                self.meshes,
+                carried,
+                self.materials,
+                given,
+                image=image,
+            )
+            return Contents(made.files, (*lost, *made.notes))
+        sets = min(len(extra.uvs) for extra in carried)
+        _only_set(uv_set, sets)
+        document, buffer = as_gltf(
+            path.stem,
+            self.meshes,
+            carried,
+            self.materials,
+            given,
+            image=image,
+            uv_set=uv_set or 0,
+        )
+        files = gltf_files(path, document, buffer, self.source.folder, embedded=False)
+        return Contents(files.files, (*self._lost_polygons(), *files.notes))
+
+    def save(
+        self,
+        path: str | PathLike[str],
+        uvs: Sequence[Floats],
+        *,
+        image: Bytes | None = None,
+        uv_set: int | None = None,
+    ) -> tuple[str, ...]:
+        """Write what `with_uv` returns, whole or not at all, and return its notes."""
+        contents = self.with_uv(path, uvs, image=image, uv_set=uv_set)
+        for file in contents.files:
+            if file.parent != Path(path).parent:
+                file.parent.mkdir(parents=True, exist_ok=True)
+        write_files(contents.files)
+        return contents.notes
+
+    def _lost_polygons(self) -> list[str]:
+        count = sum(int(np.count_nonzero(mesh.sizes > 3)) for mesh in self.meshes)
+        return [f"{count} polygons are cut into triangles"] if count else []
+
+    def _lost(self, carried: Sequence[Corners]) -> list[str]:
+        """What an OBJ file cannot hold of this one."""
+        lost = []
+        sets = max((len(extra.uvs) for extra in carried), default=0)
+        if sets:
+            lost.append(f"{sets} old sets of texture coordinates are left out")
+        source = self.source
+        if isinstance(source, GltfSource):
+            json = source.gltf.json
+            lost += [
+                f"{len(json[key])} {key} are left out"
+                for key in ("animations", "skins", "cameras")
+                if json.get(key)
+            ]
+            if any(len(mesh.transforms) > 1 for mesh in self.meshes):
+                lost.append("instances are written out")
+            if any("targets" in p for m in json.get("meshes", []) for p in m["primitives"]):
+                lost.append("morph targets are left out")
+            if json.get("materials"):
+                lost.append("of materials only the base colour is kept")
+        return lost
+
+
+def _only_set(uv_set: int | None, last: int) -> None:
+    if uv_set is not None and not 0 <= uv_set <= last:
+        raise ValueError(f"uv_set: {uv_set} must be in [0, {last}] for such a file")
+
+
+def read_document(path: str | PathLike[str]) -> Document:
+    """Read all meshes of a file, with what is needed to write it again.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        A glTF file (`.glb`, or `.gltf` with its buffers), OBJ, PLY, STL or OFF.
+
+    Returns
+    -------
+    Document
+
+    Raises
+    ------
+    ValueError
+        For another suffix and for a file that holds no surface: what cannot be read, points or
+        lines alone, an empty scene, a missing buffer, coordinates that are not finite, and a
+        compression that cannot be read. The message is one line that starts with the path.
+    FileNotFoundError, IsADirectoryError
+        For a missing file and for a folder.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: a folder, not a file")
+    try:
+        source = _read(path)
+    except (KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f"{path}: the file is damaged: {type(error).__name__} {error}") from error
+    except ValueError as error:
+        reason = str(error).strip().splitlines()
+        raise ValueError(f"{path}: {reason[0] if reason else 'the file is damaged'}") from error
+    if not any(len(mesh.sizes) for mesh in source.meshes):
+        raise ValueError(f"{path}: {_nothing(source)}")
+    for mesh in source.meshes:
+        bad = ~np.isfinite(mesh.positions).all(axis=1)
+        if bad.any():
+            named = f" of mesh {mesh.name!r}" if mesh.name else ""
+            raise ValueError(f"{path}: vertex {int(np.argmax(bad))}{named} is not finite")
+    return Document(path, source)
+
+
+def _read(path: Path) -> Source:
+    match path.suffix.lower():
+        case ".glb" | ".gltf":
+            gltf = read_gltf(path)
+            groups = triangles_of(gltf)
+            return GltfSource(gltf, groups, meshes_of(gltf, groups), materials_of(gltf))
+        case ".obj":
+            return read_obj_source(path)
+        case ".ply":
+            elements, mesh, carried = read_ply(path.read_bytes())
+            return LooseSource(path.parent, (mesh,), (carried,), elements)
+        case ".stl":
+            meshes = read_stl(path.read_bytes())
+            return LooseSource(path.parent, meshes, tuple(Corners() for _ in meshes))
+        case ".off":
+            mesh, carried = read_off(path.read_bytes())
+            return LooseSource(path.parent, (mesh,), (carried,))
+    raise ValueError(f"suffix {path.suffix!r} must be {' or '.join(SUFFIXES)}")
+
+
+def _nothing(source: Source) -> str:
+    """Why a file holds no surface."""
+    points = sum(len(mesh.positions) for mesh in source.meshes)
+    if isinstance(source, GltfSource):
+        if not source.gltf.json.get("meshes"):
+            return "an empty scene: there is no mesh"
+        return "no faces: points or lines alone"
+    if points:
+        return f"no faces: {points} points alone"
+    return "no faces: the mesh is empty"
+
+
+@dataclass(frozen=True, eq=False)
+class GltfSource:
+    """A glTF document and its primitives of triangles."""
+
+    gltf: Gltf
+    groups: tuple[tuple[Triangles, ...], ...]
+    meshes: tuple[Mesh, ...]
+    materials: tuple[Material, ...]
+
+    @property
+    def folder(self) -> Path:
+        """Where the file is."""
+        return self.gltf.folder
+
+    @property
+    def named(self) -> tuple[Path, ...]:
+        """Images that are files of their own."""
+        uris = [image.get("uri", "data:") for image in self.gltf.json.get("images", [])]
+        return tuple(self.folder / unquote(uri) for uri in uris if not uri.startswith("data:"))
+
+    def corners(self, index: int) -> Corners:
+        """Old texture coordinates, normals and colours at the corners of a mesh."""
+        return corners_of(self.gltf, self.groups[index])
+
+    def rewrite(
+        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+    ) -> Contents:
+        """Return the document with new texture coordinates; a GLB takes its images in."""
+        embed = path.suffix.lower() == ".glb"
+        document, buffer = with_uv(
+            self.gltf, self.groups, uvs, image=image, uv_set=uv_set, embed=embed
+        )
+        return gltf_files(path, document, buffer, self.folder, embedded=self.gltf.embedded)
+
+
+@dataclass(frozen=True, eq=False)
+class LooseSource:
+    """Meshes of a PLY, STL or OFF file."""
+
+    folder: Path
+    meshes: tuple[Mesh, ...]
+    carried: tuple[Corners, ...]
+    elements: Ply | None = None
+    materials: tuple[Material, ...] = ()
+
+    @property
+    def named(self) -> tuple[Path, ...]:
+        """The texture that a PLY file names."""
+        comments = self.elements.comments if self.elements else ()
+        words = [comment.split(maxsplit=2) for comment in comments]
+        return tuple(self.folder / w[2] for w in words if len(w) == 3 and w[1] == "TextureFile")
+
+    def corners(self, index: int) -> Corners:
+        """Old texture coordinates, normals and colours at the corners of a mesh."""
+        return self.carried[index]
+
+    def rewrite(
+        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+    ) -> Contents:
+        """Return a PLY file with all properties that were read."""
+        if self.elements is None:
+            return _as_ply(path, self.meshes, self.carried, uvs, image)
+        return _ply_files(path, self.elements, uvs[0], image, self.named)
+
+
+def _as_ply(
+    path: Path,
+    meshes: Sequence[Mesh],
+    carried: Sequence[Corners],
+    uvs: Sequence[Floats],
+    image: Bytes | None,
+) -> Contents:
+    """Return a PLY file of meshes that were none; several become one."""
+    offsets = np.cumsum([0, *(len(mesh.positions) for mesh in meshes)])
+    whole = Mesh(
+        name="",
+        positions=np.concatenate([mesh.positions for mesh in meshes]),
+        corners=np.concatenate([m.corners + o for m, o in zip(meshes, offsets, strict=False)]),
+        sizes=np.concatenate([mesh.sizes for mesh in meshes]),
+    )
+    extra = carried[0] if len(carried) == 1 else Corners()
+    made = _ply_files(path, ply_of(whole, extra), np.concatenate(list(uvs)), image)
+    note = [f"{len(meshes)} meshes become one"] if len(meshes) > 1 else []
+    return Contents(made.files, (*note, *made.notes))
+
+
+def _ply_files(
+    path: Path, elements: Ply, uv: Floats, image: Bytes | None, named: Sequence[Path] = ()
+) -> Contents:
+    if image is None:
+        return Contents({path: ply_with_uv(elements, uv, None)})
+    beside = path.with_name(f"{free_stem(path, named)}.png")
+    return Contents({beside: png(image), path: ply_with_uv(elements, uv, beside.name)})

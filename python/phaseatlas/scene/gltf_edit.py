@@ -1,0 +1,242 @@
+"""New texture coordinates in a glTF document; all else of its JSON stays as it is.
+
+The JSON is edited as it was read, and not through a library's classes: those know the properties of
+the specification, set their defaults, and drop what they do not know.
+"""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+
+from ..arrays import Bytes, Floats, Ints
+from .accessors import Gltf, Json, Rows, resource, rows
+from .gltf_meshes import Triangles, uv_names
+from .gltf_slots import NewAccessor, NewView, settle
+from .picture import kind_of, png
+from .polygons import split_vertices
+
+__all__ = ["with_uv"]
+
+
+def with_uv(
+    gltf: Gltf,
+    groups: tuple[tuple[Triangles, ...], ...],
+    uvs: list[Floats],
+    *,
+    image: Bytes | None = None,
+    uv_set: int | None = None,
+    embed: bool = False,
+) -> tuple[Json, bytes]:
+    """Write texture coordinates of the corners into a document.
+
+    Vertices on seams are repeated with all their attributes and morph targets. Primitives without
+    seams keep their accessors.
+
+    Parameters
+    ----------
+    gltf : Gltf
+        What was read; it stays as it is.
+    groups : tuple of tuple of Triangles
+        Primitives of each mesh.
+    uvs : list of (c, 2) array
+        For each mesh, v up.
+    image : (h, w, 3) array of uint8, optional
+        Base colour of all materials of the meshes, seen through the new coordinates; their factor
+        becomes 1. Other textures stay.
+    uv_set : int, optional
+        Set to write. By default the new coordinates become set 0, and the old sets and what uses
+        them move up by one.
+    embed : bool, default False
+        Take images that are files of their own into the buffer; one that is missing keeps its URI.
+
+    Returns
+    -------
+    json : dict
+        The document with one buffer, without URI.
+    buffer : bytes
+        Its content.
+    """
+    document = copy.deepcopy(gltf.json)
+    if uv_set is None:
+        _make_room(document)
+    else:
+        _check_set(document, groups, uv_set)
+    at = 0 if uv_set is None else uv_set
+    shared = _shared_positions(document)
+    for group, uv in zip(groups, uvs, strict=True):
+        single = (uv * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)
+        start = 0
+        for part in group:
+            primitive = document["meshes"][part.mesh]["primitives"][part.primitive]
+            end = start + len(part.corners)
+            _write(gltf, primitive, part.corners, single[start:end], at, shared)
+            start = end
+    if image is not None:
+        _paint(document, groups, png(image), at)
+    if embed:
+        _embed(gltf, document)
+    return settle(gltf, document)
+
+
+def _embed(gltf: Gltf, document: Json) -> None:
+    for entry in document.get("images", []):
+        uri = entry.get("uri", "data:")
+        data = None if uri.startswith("data:") else resource(gltf.folder, uri)
+        if data is not None:
+            kind = kind_of(data)
+            entry.setdefault("name", Path(unquote(uri)).stem)
+            entry.setdefault("mimeType", f"image/{'jpeg' if kind == 'jpg' else kind or 'png'}")
+            entry["bufferView"] = NewView(data)
+            del entry["uri"]
+
+
+def _make_room(document: Json) -> None:
+    """Move all sets of texture coordinates up by one, and all that name them."""
+    for mesh in document.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            attributes = primitive["attributes"]
+            targets = primitive.get("targets", [])
+            names = uv_names(primitive)
+            for holder in (attributes, *targets):
+                for k in range(len(names) - 1, -1, -1):
+                    if names[k] in holder:
+                        holder[f"TEXCOORD_{k + 1}"] = holder.pop(names[k])
+            if names:
+                # Points and lines have no new ones, and sets follow each other from 0.
+                attributes["TEXCOORD_0"] = attributes["TEXCOORD_1"]
+            _shift(primitive.get("extensions", {}))
+    for material in document.get("materials", []):
+        _shift({key: value for key, value in material.items() if key != "extras"})
+
+
+def _shift(value: Any) -> None:
+    """Raise `texCoord` of all texture references in a material or an extension."""
+    if isinstance(value, list):
+        for member in value:
+            _shift(member)
+    if not isinstance(value, dict):
+        return
+    for key, member in value.items():
+        if key.lower().endswith("texture") and isinstance(member, dict) and "index" in member:
+            member["texCoord"] = member.get("texCoord", 0) + 1
+            transform = member.get("extensions", {}).get("KHR_texture_transform", {})
+            if "texCoord" in transform:
+                transform["texCoord"] += 1
+        elif key != "extras":
+            _shift(member)
+
+
+def _check_set(document: Json, groups: tuple[tuple[Triangles, ...], ...], uv_set: int) -> None:
+    for group in groups:
+        for part in group:
+            mesh = document["meshes"][part.mesh]
+            sets = len(uv_names(mesh["primitives"][part.primitive]))
+            if not 0 <= uv_set <= sets:
+                raise ValueError(
+                    f"uv_set: {uv_set} must be in [0, {sets}]: sets follow each other, and mesh "
+                    f"{mesh.get('name', part.mesh)!r} has {sets}"
+                )
+
+
+def _shared_positions(document: Json) -> set[int]:
+    """Accessors of positions of several primitives."""
+    seen: set[int] = set()
+    shared: set[int] = set()
+    for mesh in document.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            accessor = primitive["attributes"].get("POSITION")
+            (shared if accessor in seen else seen).add(accessor)
+    return shared
+
+
+def _write(
+    gltf: Gltf, primitive: Json, corners: Ints, uv: Rows, uv_set: int, shared: set[int]
+) -> None:
+    """Give a primitive its coordinates, and vertices of its own if it has seams."""
+    attributes = primitive["attributes"]
+    position = attributes["POSITION"]
+    count = gltf.json["accessors"][position]["count"]
+    origin, new, values = split_vertices(count, corners, uv)
+    if len(origin) > count:
+        if position in shared:
+            # Vertices of other primitives would be repeated with each of them.
+            used = np.unique(new)
+            origin, values, new = origin[used], values[used], np.searchsorted(used, new)
+        made: dict[int, NewAccessor] = {}
+        for holder in (attributes, *primitive.get("targets", [])):
+            for name, accessor in holder.items():
+                if accessor not in made:
+                    made[accessor] = _repeated(gltf, accessor, origin)
+                holder[name] = made[accessor]
+        # 65535 restarts a strip.
+        small = len(origin) <= 65535
+        primitive["indices"] = NewAccessor(
+            {"componentType": 5123 if small else 5125, "type": "SCALAR"},
+            new.astype("<u2" if small else "<u4")[:, None],
+            "indices",
+        )
+        if primitive.get("mode", 4) != 4:
+            primitive["mode"] = 4
+    # The attributes keep the order of the file.
+    attributes[f"TEXCOORD_{uv_set}"] = NewAccessor(
+        {"componentType": 5126, "type": "VEC2"}, values.astype("<f4"), "vertices"
+    )
+
+
+def _repeated(gltf: Gltf, accessor: int, origin: Ints) -> NewAccessor:
+    entry = {
+        key: value
+        for key, value in gltf.json["accessors"][accessor].items()
+        if key not in ("bufferView", "byteOffset", "sparse", "count", "min", "max")
+    }
+    old = gltf.json["accessors"][accessor]
+    if "bufferView" not in old and "sparse" not in old:
+        # All of it is 0.
+        kept = {key: old[key] for key in ("min", "max") if key in old}
+        return NewAccessor({**entry, **kept, "count": len(origin)}, None, "vertices")
+    values = rows(gltf, accessor)[origin]
+    if "min" in old or "max" in old:
+        entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+    return NewAccessor(entry, values, "vertices")
+
+
+def _paint(
+    document: Json, groups: tuple[tuple[Triangles, ...], ...], data: bytes, uv_set: int
+) -> None:
+    """Make an image the base colour of all materials of the meshes."""
+    images = document.setdefault("images", [])
+    images.append({"name": "atlas", "mimeType": "image/png", "bufferView": NewView(data)})
+    textures = document.setdefault("textures", [])
+    textures.append({"source": len(images) - 1})
+    reference = {"index": len(textures) - 1, "texCoord": uv_set}
+    materials = document.setdefault("materials", [])
+    for group in groups:
+        for part in group:
+            primitive = document["meshes"][part.mesh]["primitives"][part.primitive]
+            if "material" not in primitive:
+                primitive["material"] = _plain(materials)
+            pbr = materials[primitive["material"]].setdefault("pbrMetallicRoughness", {})
+            opacity = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])[3]
+            pbr["baseColorFactor"] = [1.0, 1.0, 1.0, opacity]
+            pbr["baseColorTexture"] = dict(reference)
+
+
+def _plain(materials: list[Json]) -> int:
+    """The material of what has none."""
+    plain = {
+        "name": "atlas",
+        # glTF takes a missing metallicFactor for 1: dark metal.
+        "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
+    }
+    for k, material in enumerate(materials):
+        if material.get("name") == "atlas" and "baseColorTexture" in material.get(
+            "pbrMetallicRoughness", {}
+        ):
+            return k
+    materials.append(plain)
+    return len(materials) - 1

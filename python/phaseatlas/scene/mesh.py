@@ -1,0 +1,96 @@
+"""What every format gives: meshes of polygons, what their corners carry, materials, files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..arrays import Floats, Ints
+
+__all__ = ["Contents", "Corners", "Image", "Material", "Mesh"]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Polygons of a file that belong together.
+
+    Attributes
+    ----------
+    name : str
+        As in the file; empty where it has none.
+    positions : (n, 3) array
+        In the mesh's own coordinates, also those that no polygon uses.
+    corners : (c,) array of int
+        Vertices of all polygons, one polygon after the other.
+    sizes : (p,) array of int
+        Corners of each polygon.
+    transforms : (k, 4, 4) array
+        From own coordinates to those of the scene, one an instance.
+    material_of : (p,) array of int
+        Material of each polygon among those of the document, -1 for none.
+    materials : tuple of str
+        Names of the materials that its polygons use.
+    uv_sets : int
+        Sets of texture coordinates that the file holds.
+    vertex_colours : bool
+        Whether the file colours its vertices.
+    """
+
+    name: str
+    positions: Floats
+    corners: Ints
+    sizes: Ints
+    transforms: Floats = field(default_factory=lambda: np.eye(4)[None])
+    material_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    materials: tuple[str, ...] = ()
+    uv_sets: int = 0
+    vertex_colours: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """What the corners of a mesh carry, in the order of `Mesh.corners`.
+
+    Attributes
+    ----------
+    uvs : tuple of (c, 2) array
+        The sets of texture coordinates, v up; NaN at corners without.
+    normals : (c, 3) array, optional
+        NaN at corners without.
+    colours : (c, 4) array, optional
+        Red, green, blue and opacity in [0, 1].
+    """
+
+    uvs: tuple[Floats, ...] = ()
+    normals: Floats | None = None
+    colours: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Image:
+    """A picture of a file: its name and its bytes as they are, PNG, JPEG or another format."""
+
+    name: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Material:
+    """What formats have in common of a material; the texture is None where it is missing."""
+
+    name: str
+    colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    texture: Image | None = None
+    uv_set: int = 0
+    metallic: float = 0.0
+    roughness: float = 1.0
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Files to be written together, and a sentence for each thing that they cannot hold."""
+
+    files: dict[Path, bytes]
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,257 @@
+"""OBJ files as meshes, and the same text with new texture coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import _core
+from ..arrays import Bytes, Floats, Ints
+from .gltf_files import copy_beside
+from .mesh import Contents, Corners, Material, Mesh
+from .mtl import Library, mtl_bytes, read_library
+from .obj_edit import Header, with_vt
+from .obj_text import (
+    FACE,
+    NORMAL,
+    TEXTURE,
+    VERTEX,
+    ObjText,
+    corner_indices,
+    numbers,
+    read_text,
+    statements,
+)
+from .picture import png
+
+__all__ = ["ObjSource", "free_stem", "read_obj_source"]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjSource:
+    """An OBJ file: its text, its meshes, one an object, and its materials.
+
+    Attributes
+    ----------
+    text : ObjText
+    folder : Path
+        Where the file is.
+    meshes : tuple of Mesh
+    places : tuple of (c,) array of int
+        Corners of each mesh among those of the file.
+    vertices : (c,) array of int
+        Vertices of the file's corners.
+    materials : tuple of Material
+    libraries : dict of str to Library or None
+        Material libraries by the names in the text; None for one that is missing.
+    """
+
+    text: ObjText
+    folder: Path
+    meshes: tuple[Mesh, ...]
+    places: tuple[Ints, ...]
+    vertices: Ints
+    materials: tuple[Material, ...]
+    libraries: dict[str, Library | None]
+
+    @property
+    def named(self) -> tuple[Path, ...]:
+        """Material libraries and textures of the file."""
+        return tuple(
+            self.folder / name.replace("\\", "/")
+            for library in self.libraries
+            for name in self._files_of(library)
+        )
+
+    def _files_of(self, name: str) -> list[str]:
+        """A library and its textures, relative to the file's folder."""
+        library = self.libraries[name]
+        textures = () if library is None else library.textures
+        folder = Path(name.replace("\\", "/")).parent
+        return [name, *(str(folder / texture) for texture in textures)]
+
+    def corners(self, index: int) -> Corners:
+        """Texture coordinates, normals and colours at the corners of a mesh."""
+        _, texture, normal = corner_indices(self.text)
+        place = self.places[index]
+        uv = _looked_up(numbers(self.text, TEXTURE, 2), texture[place])
+        normals = _looked_up(numbers(self.text, NORMAL, 3), normal[place])
+        colours = None
+        if self.meshes[index].vertex_colours:
+            rows = numbers(self.text, VERTEX, 6)[self.vertices[place], 3:]
+            if np.nanmax(rows, initial=0.0) > 1:
+                rows = rows / 255.0
+            colours = np.nan_to_num(np.column_stack([rows, np.ones(len(rows))]), nan=1.0)
+        return Corners(() if uv is None else (uv,), normals, colours)
+
+    def rewrite(
+        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+    ) -> Contents:
+        """Return the file with new texture coordinates, and the files that it names."""
+        uv = np.empty((len(self.vertices), 2))
+        for place, values in zip(self.places, uvs, strict=True):
+            uv[place] = values
+        if image is not None:
+            return self._painted(path, uv, image)
+        files: dict[Path, bytes] = {}
+        notes = []
+        for name, library in self.libraries.items():
+            if library is None:
+                notes.append(f"the material library {name} is missing")
+                continue
+            for relative in self._files_of(name):
+                try:
+                    data = (self.folder / relative.replace("\\", "/")).read_bytes()
+                except (OSError, ValueError):
+                    notes.append(f"the texture {relative} is missing")
+                    continue
+                copies, said = copy_beside(path.parent, self.folder, relative, data)
+                files |= copies
+                notes += said
+            if library.textures and any(mesh.uv_sets for mesh in self.meshes):
+                notes.append(f"the textures of {name} were made for the old texture coordinates")
+        return Contents({**files, path: with_vt(self.text, uv)}, tuple(notes))
+
+    def _painted(self, path: Path, uv: Floats, image: Bytes) -> Contents:
+        stem = free_stem(path, self.named)
+        used = {name for mesh in self.meshes for name in mesh.materials}
+        bare = any((mesh.material_of < 0).any() for mesh in self.meshes)
+        materials = [(m.name, m) for m in self.materials if m.name in used]
+        if bare:
+            materials.insert(0, (stem, Material(stem)))
+        texture = f"{stem}.png"
+        lines = [f"mtllib {stem}.mtl"]
+        # What stands before the first `usemtl` has no material.
+        lines += [f"usemtl {stem}"] if bare else []
+        charset = self.text.charset
+        header = Header(
+            dropped=tuple(line for line, _, _ in statements(self.text, (b"mtllib",))),
+            top=tuple(line.encode(charset, "replace") for line in lines),
+        )
+        return Contents(
+            {
+                path.with_name(texture): png(image),
+                path.with_name(f"{stem}.mtl"): mtl_bytes(materials, texture, charset),
+                path: with_vt(self.text, uv, header),
+            }
+        )
+
+
+def free_stem(path: Path, named: Sequence[Path]) -> str:
+    """A name for a new library and texture that is none of the files that the source names."""
+    stem = path.stem
+    taken = {file.resolve() for file in named}
+    while any(path.with_name(f"{stem}{suffix}").resolve() in taken for suffix in (".mtl", ".png")):
+        stem += "_atlas"
+    return stem
+
+
+def _looked_up(values: Floats, index: Ints) -> Floats | None:
+    """Rows at the corners, NaN where there are none; None where there are none at all."""
+    if not len(values) or (index < 0).all():
+        return None
+    rows: Floats = np.concatenate([values, np.full((1, values.shape[1]), np.nan)])[index]
+    return rows
+
+
+def read_obj_source(path: Path) -> ObjSource:
+    """Read an OBJ file and its material libraries.
+
+    Raises
+    ------
+    ValueError
+        For what is no position or names no vertex; the message names the line.
+    """
+    text = read_text(path.read_bytes())
+    positions, vertices, ends = _core.parse_obj(text.data)
+    sizes = np.diff(np.concatenate([[0], ends]))
+    lines = np.flatnonzero(text.kinds == FACE)
+    if len(lines) != len(ends):
+        line = corner_indices(text)[0]
+        lines = line[ends - 1] if len(line) == len(vertices) else lines[: len(ends)]
+    if len(text.continued) and len(corner_indices(text)[0]) != len(vertices):
+        raise ValueError("where its continued lines end cannot be told")
+    libraries = {
+        name: read_library(path.parent / name.replace("\\", "/"))
+        for _, _, rest in statements(text, (b"mtllib",))
+        for name in _library_names(rest.decode(text.charset), path.parent)
+    }
+    material_of, names = _current(text, b"usemtl", lines)
+    known = {k: v for lib in libraries.values() if lib for k, v in lib.materials.items()}
+    materials = tuple(known.get(name, Material(name)) for name in names)
+    object_of, objects = _current(text, b"o", lines)
+    own = np.flatnonzero(text.kinds == VERTEX)
+    owner, _ = _current(text, b"o", own, objects)
+    colours = _coloured(text, own)
+    uv_sets = int(_textured(text, lines))
+    meshes, places = [], []
+    for number in np.unique(object_of):
+        faces = object_of == number
+        place = np.flatnonzero(np.repeat(faces, sizes))
+        corners, local = vertices[place], positions
+        if not faces.all():
+            used = np.zeros(len(positions), dtype=np.bool_)
+            used[vertices] = True
+            kept = (owner == number) & ~used
+            kept[corners] = True
+            local = positions[kept]
+            corners = (np.cumsum(kept) - 1)[corners]
+        of = material_of[faces]
+        meshes.append(
+            Mesh(
+                name=objects[number] if number >= 0 else "",
+                positions=local,
+                corners=corners,
+                sizes=sizes[faces],
+                material_of=of,
+                materials=tuple(names[k] for k in np.unique(of[of >= 0])),
+                uv_sets=uv_sets,
+                vertex_colours=colours,
+            )
+        )
+        places.append(place)
+    return ObjSource(
+        text, path.parent, tuple(meshes), tuple(places), vertices, materials, libraries
+    )
+
+
+def _library_names(whole: str, folder: Path) -> list[str]:
+    # A name may have blanks, and a line several names.
+    if (folder / whole.replace("\\", "/")).is_file():
+        return [whole]
+    return whole.split()
+
+
+def _current(
+    text: ObjText, word: bytes, lines: Ints, names: list[str] | None = None
+) -> tuple[Ints, list[str]]:
+    """Number of the name that such a statement last gave before each line, else -1."""
+    found = [(line, rest) for line, _, rest in statements(text, (word,))]
+    given = [rest.decode(text.charset) for _, rest in found]
+    names = list(dict.fromkeys(given)) if names is None else names
+    number = {name: k for k, name in enumerate(names)}
+    numbered = np.array([-1, *(number[name] for name in given)], dtype=np.int64)
+    at = np.searchsorted(np.array([line for line, _ in found], dtype=np.int64), lines)
+    return numbered[at], names
+
+
+def _coloured(text: ObjText, own: Ints) -> bool:
+    if not len(own):
+        return False
+    line = text.data[text.starts[own[0]] : text.starts[own[0] + 1]]
+    return len(line.partition(b"#")[0].split()) >= 7
+
+
+def _textured(text: ObjText, lines: Ints) -> bool:
+    """Whether a face has texture coordinates: its first corner tells."""
+    if not (text.kinds == TEXTURE).any():
+        return False
+    for line in lines.tolist():
+        words = text.data[text.starts[line] : text.starts[line + 1]].split()
+        parts = words[1].split(b"/") if len(words) > 1 else []
+        if len(parts) > 1 and parts[1]:
+            return True
+    return False
