@@ -29,7 +29,9 @@ __all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 Effort = Literal["fast", "normal", "best"]
 
 # Perturbations; each of the first 20 gains about 0.3 % of the energy.
-_PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 32, "best": 160}
+_PERTURBATIONS: dict[Effort, int] = {"fast": 8, "normal": 32, "best": 160}
+# Faces up to which a surface gets the perturbations of "normal" at least: they take a millisecond.
+_SMALL = 500
 # Perturbations between two looks at the clock and the keyboard.
 _BATCH = 4
 # Faces of the surface of the first phases, and its first cells.
@@ -43,6 +45,8 @@ _REACH = 1.5
 _ROUNDS = 3
 _SWEEPS = 16
 _WORTH = 1e-3
+# Faces that the sweeps of a round look at together: a million takes about 10 s of CPU time.
+_SWEPT = 1_600_000
 # Rounds of splitting charts that overlap themselves.
 _REPAIRS = 12
 # Weights of the distortion between which bounds are met, steps of the bisection, attempts at it.
@@ -203,7 +207,7 @@ def partition(
     for _ in range(_ATTEMPTS):
         for core in cores:
             core.set_distortion(distortion)
-        _search(cores[0], surfaces[0], _PERTURBATIONS[effort], seed, log)
+        _search(cores[0], surfaces[0], _perturbations(effort, surfaces[0]), seed, log)
         for k in range(1, len(cores)):
             labels = cores[k - 1].labels()[transfers[k - 1].parent_face]
             _refine(cores[k], surfaces[k], labels, log)
@@ -224,6 +228,11 @@ def partition(
     return Partition(surface, labels, diagnostics=tuple(log.phases))
 
 
+def _perturbations(effort: Effort, surface: Surface) -> int:
+    count = _PERTURBATIONS[effort]
+    return max(count, _PERTURBATIONS["normal"]) if surface.n_faces <= _SMALL else count
+
+
 def _search(
     core: _core.Partition, surface: Surface, perturbations: int, seed: int, log: _Log
 ) -> None:
@@ -242,7 +251,7 @@ def _search(
 def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: _Log) -> None:
     """Relax labels that come from a simplified surface."""
     core.allow_overlap()
-    core.take_labels(labels, _REACH)
+    core.set_labels(labels, _REACH)
     log.close(_descend(core, surface, "refine", log))
 
 
@@ -280,9 +289,11 @@ def _simplifications(surface: Surface) -> list[Transfer]:
 def _descend(core: _core.Partition, surface: Surface, name: str, log: _Log) -> Phase:
     """Relax and merge until the energy rests."""
     phase = log.note(name, surface, core)
+    left = max(1, _SWEPT // surface.n_faces)
     for _ in range(_ROUNDS):
         energy, n_charts = phase.energy, phase.n_charts
-        for _ in range(_SWEEPS):
+        for _ in range(min(_SWEEPS, left)):
+            left -= 1
             more = core.sweep()
             log.note(name, surface, core)
             if not more:

@@ -17,8 +17,8 @@ mod packing;
 mod partition;
 mod pool;
 mod raster;
-mod screened;
 mod repair;
+mod screened;
 
 use numpy::{PyArray1, PyArrayMethods};
 use phaseatlas_core::Error;

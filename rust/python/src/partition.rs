@@ -27,19 +27,14 @@ impl Partition {
         })
     }
 
-    fn set_labels(&mut self, py: Python<'_>, labels: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
-        let labels = labels.as_slice()?;
-        detached(py, || self.core.set_labels(labels))?.map_err(to_python)
-    }
-
-    fn take_labels(
+    fn set_labels(
         &mut self,
         py: Python<'_>,
         labels: PyReadonlyArray1<'_, i64>,
         reach: f64,
     ) -> PyResult<()> {
         let labels = labels.as_slice()?;
-        detached(py, || self.core.take_labels(labels, reach))?.map_err(to_python)
+        detached(py, || self.core.set_labels(labels, reach))?.map_err(to_python)
     }
 
     fn set_cells(&mut self, py: Python<'_>, count: usize) -> PyResult<()> {

@@ -8,6 +8,7 @@ use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
 use super::random::mixed;
+use super::touch::only_touches;
 use crate::error::Result;
 use crate::flatten::polygon::{covered_twice, is_simple, turn};
 use crate::parallel::Buffers;
@@ -23,6 +24,9 @@ const TINY: f64 = 1.0;
 const REPAIR: f64 = 0.3;
 /// Area that is covered twice, relative to squared log scale.
 const OVERLAP: f64 = 0.25;
+/// Height of a face, relative to the extent of its map, below which it may be turned over: 4 units in
+/// the last place of a coordinate in single precision.
+const THIN: f64 = 4.0 * f32::EPSILON as f64;
 /// Tables of known energies, so that threads rarely wait for each other.
 const SHARDS: usize = 16;
 
@@ -41,7 +45,7 @@ pub struct Terms {
     pub distortion: f64,
     /// Area that the boundary of the map covers more than once.
     pub overlap: f64,
-    /// Whether the boundary of the map does not cross itself.
+    /// Whether the boundary of the map does not cross itself; it may touch itself.
     pub simple: bool,
     /// Faces that the map turns over, once they have been counted.
     pub flips: Option<usize>,
@@ -273,7 +277,7 @@ fn terms(
         .zip(&log_scale)
         .map(|(&v, s)| geometry.vertices.masses[v as usize] * s * s)
         .sum();
-    terms.simple = is_simple(&boundary);
+    terms.simple = is_simple(&boundary) || only_touches(&boundary);
     if !terms.simple {
         terms.overlap = covered_twice(&boundary);
     } else if count_flips {
@@ -390,7 +394,8 @@ fn flat_boundary(
     curve
 }
 
-/// Faces that the harmonic extension of the boundary turns over.
+/// Faces that the harmonic extension of the boundary turns over, but for those that single precision
+/// cannot show.
 fn flips(
     geometry: &Geometry,
     faces: &[u32],
@@ -416,6 +421,16 @@ fn flips(
         }
     }
     factor.solve(&mut columns)?;
+    let extent = (0..2)
+        .map(|axis| {
+            let (low, high) = boundary
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
+                    (low.min(p[axis]), high.max(p[axis]))
+                });
+            high - low
+        })
+        .fold(0.0, f64::max);
     let mut count = 0;
     for (i, &f) in faces.iter().enumerate() {
         for k in 0..3 {
@@ -425,8 +440,13 @@ fn flips(
         }
         let [a, b, c] = [0, 1, 2].map(|k| corners[3 * i + k]);
         // Not a number is no map either.
-        let upright = turn(a, b, c) > 0.0;
-        count += usize::from(!upright);
+        let area = turn(a, b, c);
+        let thin = || {
+            let length = |p: [f64; 2], q: [f64; 2]| (q[0] - p[0]).hypot(q[1] - p[1]);
+            let longest = length(a, b).max(length(b, c)).max(length(c, a));
+            area.abs() < THIN * extent * longest
+        };
+        count += usize::from(!(area > 0.0 || thin()));
     }
     Ok(count)
 }

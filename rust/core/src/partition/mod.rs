@@ -19,6 +19,7 @@ mod random;
 mod relax;
 mod repair;
 mod split;
+mod touch;
 
 pub use energy::{Rule, Terms};
 pub use merge::Merge;
@@ -80,24 +81,18 @@ impl Partition {
 
     /// Starts anew from the connected pieces of equal label.
     ///
-    /// # Errors
-    /// [`crate::Error::Length`] for labels that are not one a face.
-    pub fn set_labels(&mut self, labels: &[i64]) -> Result<()> {
-        check_length("labels", labels.len(), self.charts.labels.len())?;
-        self.memory = Memory::new(0.0);
-        self.replace(Charts::new(&self.energies, &distinct(labels), &self.rule));
-        Ok(())
-    }
-
-    /// Starts anew from labels of another surface of the same shape, whose boundaries are good to
-    /// about `reach` mean edge lengths: so wide are the first bands.
-    /// Pieces below a thousandth of the area go to the neighbour along the longest boundary.
+    /// Labels that come from another surface of the same shape have boundaries that are good to about
+    /// `reach` mean edge lengths: so wide are the first bands, and pieces below a thousandth of the
+    /// area go to the neighbour along the longest boundary. A `reach` of zero leaves them as they are.
     ///
     /// # Errors
     /// [`crate::Error::Length`] for labels that are not one a face.
-    pub fn take_labels(&mut self, labels: &[i64], reach: f64) -> Result<()> {
+    pub fn set_labels(&mut self, labels: &[i64], reach: f64) -> Result<()> {
         check_length("labels", labels.len(), self.charts.labels.len())?;
-        let labels = self.joined(&distinct(labels));
+        let mut labels = distinct(labels);
+        if reach > 0.0 {
+            labels = self.joined(&labels);
+        }
         self.memory = Memory::new(reach);
         self.replace(Charts::new(&self.energies, &labels, &self.rule));
         Ok(())
