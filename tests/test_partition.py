@@ -205,6 +205,14 @@ def test_folded_sheet_stays_whole() -> None:
 # --------------------------------------------------------------------------------------------------
 
 
+def _box(x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray]:
+    """Twelve faces."""
+    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = [triangle for a, b, c, d in quads for triangle in ([a, b, c], [a, c, d])]
+    return corners * [x, y, z], np.array(faces)
+
+
 def check(surface: pa.Surface, found: pa.Partition) -> None:
     assert isinstance(found, pa.Segmentation)
     assert np.all(found.components == 1)
@@ -230,12 +238,93 @@ def check(surface: pa.Surface, found: pa.Partition) -> None:
         pytest.param(datasets.sheet(20, 14, amplitude=0.0), 1, id="sheet"),
         pytest.param(datasets.cylinder(), 1, id="cylinder"),
         pytest.param(datasets.icosphere(0), 20, id="icosahedron"),
+        pytest.param(pa.Surface(*_box(1.0, 1.0, 1.0)), 6, id="box"),
+        pytest.param(pa.Surface(*_box(1.0, 1.0, 0.01)), 2, id="plank"),
     ],
 )
 def test_plain_shapes(surface: pa.Surface, most: int) -> None:
     found = pa.partition(surface, effort="fast")
     check(surface, found)
     assert found.n_segments <= most
+
+
+def strip(n: int, width: float, length: float, turn: bool = False) -> pa.Surface:
+    """`n` squares in a row, or closed to a ring; a ring of three to a prism without ends."""
+    i = np.arange(n if turn else n + 1)
+    if turn:
+        angle = 2 * np.pi * i / n
+        along = length / (2 * np.pi) * np.column_stack([np.cos(angle), np.sin(angle)])
+    else:
+        along = np.column_stack([length * i / n, np.zeros(len(i))])
+    low = np.column_stack([along, np.zeros(len(i))])
+    vertices = np.concatenate([low, low + np.array([0.0, 0.0, width])])
+    a = np.arange(n)
+    b = (a + 1) % len(i)
+    c, d = a + len(i), b + len(i)
+    faces = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+    return pa.Surface(vertices, faces)
+
+
+@pytest.mark.parametrize(
+    ("surface", "cuts"),
+    [
+        pytest.param(pa.Surface(np.eye(3), np.array([[0, 1, 2]])), 0.0, id="one triangle"),
+        pytest.param(strip(1, 1.0, 1.0), 0.0, id="two triangles"),
+        pytest.param(strip(200, 1.0, 1e3), 0.0, id="long strip"),
+        pytest.param(strip(60, 1e-5, 1.0), 0.0, id="needles"),
+        # The seam of the development is the height.
+        pytest.param(strip(3, 1.0, 3.0, turn=True), 1.0, id="prism"),
+        pytest.param(strip(40, 1.0, 9.0, turn=True), 1.0, id="tube of 80 faces"),
+    ],
+)
+def test_developable_pieces_stay_whole(surface: pa.Surface, cuts: float) -> None:
+    found = pa.partition(surface, effort="fast")
+    check(surface, found)
+    last = found.diagnostics[-1]
+    assert found.n_segments == 1
+    assert last.seam == 0.0
+    assert last.cuts == pytest.approx(cuts / np.sqrt(surface.area), rel=1e-9, abs=1e-15)
+    assert last.distortion == pytest.approx(0.0, abs=1e-20)
+
+
+def with_holes(bend: float) -> pa.Surface:
+    """A sheet with three holes, bent along a line through one of them."""
+    sheet = datasets.sheet(40, 30, amplitude=0.0)
+    size = np.ptp(sheet.vertices, axis=0)[:2]
+    centroids = sheet.vertices[sheet.faces].mean(axis=1)[:, :2]
+    kept = np.ones(sheet.n_faces, dtype=bool)
+    for place in ([0.3, 0.3], [0.7, 0.5], [0.3, 0.7]):
+        kept &= np.linalg.norm(centroids - size * place, axis=1) > 0.1 * size.min()
+    used, corners = np.unique(sheet.faces[kept], return_inverse=True)
+    vertices = sheet.vertices[used].copy()
+    beyond = np.clip(vertices[:, 0] - 0.7 * size[0], 0.0, None)
+    vertices[:, 0] -= (1 - np.cos(bend)) * beyond
+    vertices[:, 2] += np.sin(bend) * beyond
+    return pa.Surface(vertices, corners.reshape(-1, 3))
+
+
+def test_flat_sheet_with_holes_is_one_chart() -> None:
+    found = pa.partition(with_holes(0.0), effort="fast")
+    assert found.n_segments == 1
+    assert found.diagnostics[-1].cuts == 0.0
+    assert found.diagnostics[-1].distortion == 0.0
+    assert found.diagnostics[-1].n_overlapping == 0
+
+
+def test_banks_of_a_cut_may_touch() -> None:
+    # Bent, the sheet is cut to its holes; in its development the banks of the cuts touch.
+    found = pa.partition(with_holes(0.5 * np.pi), effort="fast")
+    last = found.diagnostics[-1]
+    assert found.n_segments == 1
+    assert last.cuts > 0.0
+    assert last.distortion == pytest.approx(0.0, abs=1e-20)
+    assert last.n_overlapping == 0
+
+
+@pytest.mark.parametrize(("around", "along"), [(3, 3), (4, 3), (5, 4), (7, 3)])
+def test_tori_of_few_faces(around: int, along: int) -> None:
+    surface = datasets.torus(1.0, 0.4, around, along)
+    check(surface, pa.partition(surface, effort="fast"))
 
 
 def test_flat_disk_is_one_chart() -> None:

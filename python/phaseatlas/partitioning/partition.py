@@ -33,7 +33,9 @@ Effort = Literal["fast", "normal", "best"]
 # of the seam over the distortion, 400 to 1000.
 DISTORTION = 600.0
 # Perturbations; each of the first 20 gains about 0.3 % of the energy.
-_PERTURBATIONS: dict[Effort, int] = {"fast": 4, "normal": 32, "best": 160}
+_PERTURBATIONS: dict[Effort, int] = {"fast": 8, "normal": 32, "best": 160}
+# Faces up to which a surface gets the perturbations of "normal" at least: they take a millisecond.
+_SMALL = 500
 # Perturbations between two looks at the clock and the keyboard.
 _BATCH = 4
 # Faces of the surface of the first phases, and its first cells.
@@ -47,6 +49,8 @@ _REACH = 1.5
 _ROUNDS = 3
 _SWEEPS = 16
 _WORTH = 1e-3
+# Faces that the sweeps of a round look at together: a million takes about 10 s of CPU time.
+_SWEPT = 1_600_000
 # Rounds of splitting charts that overlap themselves.
 _REPAIRS = 12
 # Weights of the distortion between which bounds are met, steps of the bisection, attempts at it.
@@ -280,7 +284,7 @@ def _partition(
     for _ in range(_ATTEMPTS):
         for core in cores:
             core.set_distortion(distortion)
-        _search(cores[0], surfaces[0], _PERTURBATIONS[effort], seed, log)
+        _search(cores[0], surfaces[0], _perturbations(effort, surfaces[0]), seed, log)
         for k in range(1, len(cores)):
             labels = cores[k - 1].labels()[transfers[k - 1].parent_face]
             _refine(cores[k], surfaces[k], labels, log)
@@ -299,6 +303,11 @@ def _partition(
     _warn(last, max_distortion, max_charts)
     labels = _by_area(cores[-1].labels(), surface)
     return Partition(surface, labels, diagnostics=tuple(log.phases))
+
+
+def _perturbations(effort: Effort, surface: Surface) -> int:
+    count = _PERTURBATIONS[effort]
+    return max(count, _PERTURBATIONS["normal"]) if surface.n_faces <= _SMALL else count
 
 
 def _search(
@@ -320,7 +329,6 @@ def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: _Log) ->
     """Relax labels that come from a simplified surface."""
     core.allow_overlap()
     core.set_labels(labels, _REACH)
-    core.join_small()
     log.close(_descend(core, surface, "refine", log))
 
 
@@ -328,6 +336,8 @@ def _repair(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
     """See to it that no chart overlaps itself and none is tiny."""
     core.forbid_overlap()
     for k in range(_REPAIRS):
+        if log.note("repair", surface, core).n_overlapping == 0:
+            break
         # Where it takes little, the boundaries alone can do it.
         core.sweep()
         if core.split_failing(2 + k // 2) == 0:
@@ -356,9 +366,11 @@ def _simplifications(surface: Surface) -> list[Transfer]:
 def _descend(core: _core.Partition, surface: Surface, name: str, log: _Log) -> Phase:
     """Relax and merge until the energy rests."""
     phase = log.note(name, surface, core)
+    left = max(1, _SWEPT // surface.n_faces)
     for _ in range(_ROUNDS):
         energy, n_charts = phase.energy, phase.n_charts
-        for _ in range(_SWEEPS):
+        for _ in range(min(_SWEEPS, left)):
+            left -= 1
             more = core.sweep()
             log.note(name, surface, core)
             if not more:

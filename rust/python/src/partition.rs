@@ -59,10 +59,6 @@ impl Partition {
         )
     }
 
-    fn join_small(&mut self, py: Python<'_>) -> PyResult<()> {
-        detached(py, || self.core.join_small())
-    }
-
     fn merge(&mut self, py: Python<'_>) -> PyResult<()> {
         detached(py, || self.core.merge())
     }

@@ -52,6 +52,16 @@ impl Marks {
         self.vertices[v] = (self.stamp, value);
     }
 
+    /// Whether the vertex has not been marked before; it is now.
+    #[inline]
+    pub fn meet_vertex(&mut self, v: usize) -> bool {
+        let fresh = self.vertices[v].0 != self.stamp;
+        if fresh {
+            self.set_vertex(v, 0);
+        }
+        fresh
+    }
+
     #[inline]
     pub fn vertex(&self, v: usize) -> Option<usize> {
         let (stamp, value) = self.vertices[v];
@@ -62,8 +72,8 @@ impl Marks {
 /// A chart as a disk: its inner vertices, and its boundary loop with what lies around it.
 #[derive(Debug)]
 pub(super) struct Disk {
-    /// Surface vertices with all faces in the chart and off the cut, by rank of elimination; their
-    /// places here are in the marks.
+    /// Surface vertices with all faces in the chart and off the cut, in order; their places here are
+    /// in the marks.
     pub inner: Vec<u32>,
     /// The half-edges of the boundary in order, the chart on their left.
     pub boundary: Vec<u32>,
@@ -103,32 +113,23 @@ impl Disk {
         let (mut n_boundary, mut perimeter) = (0, 0.0);
         for &f in faces {
             for h in 3 * f as usize..3 * f as usize + 3 {
-                let v = geometry.origins[h] as usize;
-                if let Some(count) = marks.vertex(v) {
-                    marks.set_vertex(v, count as u32 + 1);
-                } else {
-                    marks.set_vertex(v, 1);
-                    met.push(v as u32);
+                let v = geometry.origins[h];
+                if marks.meet_vertex(v as usize) {
+                    met.push(v);
                 }
-                match geometry.across(h) {
-                    Some(g) if marks.face(g).is_some() => (),
-                    Some(_) => {
-                        n_boundary += 1;
+                let across = geometry.across(h);
+                if across.is_none_or(|g| marks.face(g).is_none()) {
+                    n_boundary += 1;
+                    if across.is_some() {
                         perimeter += geometry.lengths[h];
                     }
-                    None => n_boundary += 1,
+                    marks.set_vertex(v as usize, NONE);
+                    marks.set_vertex(geometry.origins[next(h)] as usize, NONE);
                 }
             }
         }
-        let degrees = &geometry.vertices.degrees;
-        let mut inner: Vec<u32> = Vec::with_capacity(met.len());
-        for &v in &met {
-            if marks.vertex(v as usize) == Some(degrees[v as usize] as usize) {
-                inner.push(v);
-            } else {
-                marks.set_vertex(v as usize, NONE);
-            }
-        }
+        let mut inner = met;
+        inner.retain(|&v| marks.vertex(v as usize).is_some());
         // A fan at the boundary has one half-edge out, so that there are as many of both.
         let euler = |inner: usize, boundary: usize| {
             inner as i64 - (faces.len() as i64 - boundary as i64) / 2
@@ -143,7 +144,7 @@ impl Disk {
             if n_boundary > 0 && planar(geometry, faces) {
                 return Opened::Planar(shape);
             }
-            place(geometry, &mut inner, marks);
+            place(&mut inner, marks);
             let opening = cut_to_disk(geometry, faces, &inner, marks);
             (cut, shape.cut) = (opening.half_edges, opening.length / geometry.unit);
             for (i, _) in cut.iter().enumerate().filter(|(_, is_cut)| **is_cut) {
@@ -158,7 +159,7 @@ impl Disk {
                 return Opened::Closed(shape);
             }
         }
-        place(geometry, &mut inner, marks);
+        place(&mut inner, marks);
 
         let is_boundary = |h: usize| match geometry.across(h) {
             Some(g) if marks.face(g).is_some() => {
@@ -196,6 +197,14 @@ impl Disk {
     }
 }
 
+impl Disk {
+    /// Marks the faces and inner vertices with their places, as opening does.
+    pub fn mark(&self, geometry: &Geometry, faces: &[u32], marks: &mut Marks) {
+        marks.place(geometry, faces);
+        mark_inner(&self.inner, marks);
+    }
+}
+
 /// Turns about the end of boundary half-edge `h`; returns the boundary half-edge that leaves it.
 pub(super) fn walk_fan(
     geometry: &Geometry,
@@ -212,10 +221,14 @@ pub(super) fn walk_fan(
     h
 }
 
-fn place(geometry: &Geometry, inner: &mut [u32], marks: &mut Marks) {
-    inner.sort_unstable_by_key(|&v| geometry.vertices.ranks[v as usize]);
-    for (i, &v) in inner.iter().enumerate() {
-        marks.set_vertex(v as usize, i as u32);
+fn place(inner: &mut [u32], marks: &mut Marks) {
+    inner.sort_unstable();
+    mark_inner(inner, marks);
+}
+
+fn mark_inner(inner: &[u32], marks: &mut Marks) {
+    for (i, &v) in (0..).zip(inner) {
+        marks.set_vertex(v as usize, i);
     }
 }
 

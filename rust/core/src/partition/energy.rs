@@ -8,6 +8,7 @@ use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
 use super::random::mixed;
+use super::touch::only_touches;
 use crate::error::Result;
 use crate::flatten::polygon::{covered_twice, is_simple, turn};
 use crate::parallel::Buffers;
@@ -23,6 +24,9 @@ const TINY: f64 = 1.0;
 const REPAIR: f64 = 0.3;
 /// Area that is covered twice, relative to squared log scale.
 const OVERLAP: f64 = 0.25;
+/// Height of a face, relative to the extent of its map, below which it may be turned over: 4 units in
+/// the last place of a coordinate in single precision.
+const THIN: f64 = 4.0 * f32::EPSILON as f64;
 /// Tables of known energies, so that threads rarely wait for each other.
 const SHARDS: usize = 16;
 
@@ -41,7 +45,7 @@ pub struct Terms {
     pub distortion: f64,
     /// Area that the boundary of the map covers more than once.
     pub overlap: f64,
-    /// Whether the boundary of the map does not cross itself.
+    /// Whether the boundary of the map does not cross itself; it may touch itself.
     pub simple: bool,
     /// Faces that the map turns over, once they have been counted.
     pub flips: Option<usize>,
@@ -102,7 +106,24 @@ pub(super) struct Chart {
     pub faces: Vec<u32>,
     pub hash: u128,
     pub terms: Terms,
+    /// What is left of the computation of the terms, until the sensitivity has been asked for.
+    solution: Mutex<Option<Solution>>,
     sensitivity: OnceLock<Vec<f64>>,
+}
+
+/// A chart as a disk, the factor of its stiffness, its log scale.
+struct Solution {
+    disk: Disk,
+    factor: Factor,
+    log_scale: Vec<f64>,
+}
+
+impl std::fmt::Debug for Solution {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Solution")
+            .field("log_scale", &self.log_scale)
+            .finish_non_exhaustive()
+    }
 }
 
 /// The surface, and the energies of all charts that have been asked for.
@@ -137,14 +158,15 @@ impl Energies {
     /// The chart of sorted, connected faces.
     pub fn chart(&self, faces: Vec<u32>, rule: &Rule) -> Arc<Chart> {
         let hash = Self::hash(&faces);
-        let terms = self
+        let (terms, solution) = self
             .known(hash)
             .filter(|terms| rule.is_certain(terms))
-            .unwrap_or_else(|| self.evaluate(hash, &faces, rule));
+            .map_or_else(|| self.evaluate(hash, &faces, rule), |terms| (terms, None));
         Arc::new(Chart {
             hash,
             terms,
             faces,
+            solution: Mutex::new(solution),
             sensitivity: OnceLock::new(),
         })
     }
@@ -172,14 +194,14 @@ impl Energies {
         let hash = a.hash ^ b.hash;
         match self.known(hash) {
             Some(terms) if rule.is_certain(&terms) => rule.cost(&terms),
-            _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule)),
+            _ => rule.cost(&self.evaluate(hash, &union(&a.faces, &b.faces), rule).0),
         }
     }
 
-    fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> Terms {
-        let terms = self.with_marks(|marks| terms(&self.geometry, faces, rule.injective, marks));
-        lock(&self.known[hash as usize % SHARDS]).insert(hash, terms);
-        terms
+    fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> (Terms, Option<Solution>) {
+        let found = self.with_marks(|marks| terms(&self.geometry, faces, rule.injective, marks));
+        lock(&self.known[hash as usize % SHARDS]).insert(hash, found.0);
+        found
     }
 
     /// Change of the distortion of a chart for each area that it gains at its boundary: grad s .
@@ -187,7 +209,9 @@ impl Energies {
     /// -lap p = 2 s.
     pub fn sensitivity<'a>(&self, chart: &'a Chart) -> &'a [f64] {
         chart.sensitivity.get_or_init(|| {
-            let values = self.with_marks(|m| sensitivity(&self.geometry, &chart.faces, m));
+            let solution = lock(&chart.solution).take();
+            let values =
+                self.with_marks(|marks| sensitivity(&self.geometry, &chart.faces, solution, marks));
             values.unwrap_or_else(|| vec![0.0; chart.faces.len()])
         })
     }
@@ -203,12 +227,17 @@ pub(super) fn face_hash(face: u32) -> u128 {
     u128::from(high) << 64 | u128::from(low)
 }
 
-fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Marks) -> Terms {
+fn terms(
+    geometry: &Geometry,
+    faces: &[u32],
+    count_flips: bool,
+    marks: &mut Marks,
+) -> (Terms, Option<Solution>) {
     let area = geometry.area_of(faces);
     let (shape, disk) = match Disk::open(geometry, faces, marks) {
         Opened::Disk(disk) => (disk.shape, Some(disk)),
         Opened::Planar(shape) => {
-            return Terms {
+            let terms = Terms {
                 area,
                 euler_characteristic: shape.euler_characteristic,
                 perimeter: shape.perimeter,
@@ -218,6 +247,7 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
                 simple: true,
                 flips: Some(0),
             };
+            return (terms, None);
         }
         Opened::Closed(shape) => (shape, None),
     };
@@ -231,12 +261,14 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
         simple: false,
         flips: None,
     };
-    let Some(disk) = disk else { return terms };
-    let Ok(mut factor) = factor(geometry, &disk, marks) else {
-        return terms;
-    };
-    let Ok(log_scale) = log_scale(geometry, &disk, &mut factor) else {
-        return terms;
+    let solution = disk.and_then(|disk| Solution::new(geometry, disk, marks));
+    let Some(Solution {
+        disk,
+        mut factor,
+        log_scale,
+    }) = solution
+    else {
+        return (terms, None);
     };
     let boundary = flat_boundary(geometry, &disk, &log_scale, marks);
     terms.distortion = disk
@@ -245,7 +277,7 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
         .zip(&log_scale)
         .map(|(&v, s)| geometry.vertices.masses[v as usize] * s * s)
         .sum();
-    terms.simple = is_simple(&boundary);
+    terms.simple = is_simple(&boundary) || only_touches(&boundary);
     if !terms.simple {
         terms.overlap = covered_twice(&boundary);
     } else if count_flips {
@@ -255,7 +287,25 @@ fn terms(geometry: &Geometry, faces: &[u32], count_flips: bool, marks: &mut Mark
         terms.distortion = f64::INFINITY;
         terms.simple = false;
     }
-    terms
+    let solution = Solution {
+        disk,
+        factor,
+        log_scale,
+    };
+    (terms, Some(solution))
+}
+
+impl Solution {
+    /// None where the numbers do not allow one.
+    fn new(geometry: &Geometry, disk: Disk, marks: &Marks) -> Option<Self> {
+        let mut factor = factor(geometry, &disk, marks).ok()?;
+        let log_scale = log_scale(geometry, &disk, &mut factor).ok()?;
+        Some(Self {
+            disk,
+            factor,
+            log_scale,
+        })
+    }
 }
 
 /// The factor of the stiffness matrix of the inner vertices.
@@ -269,13 +319,11 @@ fn factor(geometry: &Geometry, disk: &Disk, marks: &Marks) -> Result<Factor> {
         values: Vec::with_capacity(3 * n),
     };
     matrix.starts.push(0);
-    for (k, &v) in disk.inner.iter().enumerate() {
+    for &v in &disk.inner {
         let v = v as usize;
         matrix.diagonal.push(vertices.diagonal[v]);
         for entry in vertices.row_starts[v]..vertices.row_starts[v + 1] {
-            if let Some(i) = marks.vertex(vertices.columns[entry] as usize)
-                && i < k
-            {
+            if let Some(i) = marks.vertex(vertices.columns[entry] as usize) {
                 matrix.columns.push(i as u32);
                 matrix.values.push(vertices.values[entry]);
             }
@@ -346,7 +394,8 @@ fn flat_boundary(
     curve
 }
 
-/// Faces that the harmonic extension of the boundary turns over.
+/// Faces that the harmonic extension of the boundary turns over, but for those that single precision
+/// cannot show.
 fn flips(
     geometry: &Geometry,
     faces: &[u32],
@@ -372,6 +421,16 @@ fn flips(
         }
     }
     factor.solve(&mut columns)?;
+    let extent = (0..2)
+        .map(|axis| {
+            let (low, high) = boundary
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
+                    (low.min(p[axis]), high.max(p[axis]))
+                });
+            high - low
+        })
+        .fold(0.0, f64::max);
     let mut count = 0;
     for (i, &f) in faces.iter().enumerate() {
         for k in 0..3 {
@@ -381,18 +440,37 @@ fn flips(
         }
         let [a, b, c] = [0, 1, 2].map(|k| corners[3 * i + k]);
         // Not a number is no map either.
-        let upright = turn(a, b, c) > 0.0;
-        count += usize::from(!upright);
+        let area = turn(a, b, c);
+        let thin = || {
+            let length = |p: [f64; 2], q: [f64; 2]| (q[0] - p[0]).hypot(q[1] - p[1]);
+            let longest = length(a, b).max(length(b, c)).max(length(c, a));
+            area.abs() < THIN * extent * longest
+        };
+        count += usize::from(!(area > 0.0 || thin()));
     }
     Ok(count)
 }
 
-fn sensitivity(geometry: &Geometry, faces: &[u32], marks: &mut Marks) -> Option<Vec<f64>> {
-    let Opened::Disk(disk) = Disk::open(geometry, faces, marks) else {
-        return None;
+fn sensitivity(
+    geometry: &Geometry,
+    faces: &[u32],
+    solution: Option<Solution>,
+    marks: &mut Marks,
+) -> Option<Vec<f64>> {
+    let solution = if let Some(solution) = solution {
+        solution.disk.mark(geometry, faces, marks);
+        solution
+    } else {
+        let Opened::Disk(disk) = Disk::open(geometry, faces, marks) else {
+            return None;
+        };
+        Solution::new(geometry, disk, marks)?
     };
-    let mut factor = factor(geometry, &disk, marks).ok()?;
-    let s = log_scale(geometry, &disk, &mut factor).ok()?;
+    let Solution {
+        disk,
+        mut factor,
+        log_scale: s,
+    } = solution;
     let mut p: Vec<f64> = disk
         .inner
         .iter()

@@ -6,6 +6,8 @@ use crate::operators::Stiffness;
 use crate::surface::Surface;
 
 /// A surface scaled to unit area. Half-edge `3 f + k` runs from corner `k` of face `f` to the next.
+/// Vertices are numbered by an elimination order of little fill. The order stays good on any subset,
+/// as its fill there is a subset of that of the whole.
 #[derive(Debug)]
 pub(super) struct Geometry {
     /// Length on the surface of one unit here: the root of its area.
@@ -35,16 +37,12 @@ pub(super) struct Geometry {
 /// all of their faces in it.
 #[derive(Debug)]
 pub(super) struct Vertices {
-    /// Number of faces around; more than there can be on the border of the surface.
-    pub degrees: Vec<u32>,
     pub masses: Vec<f64>,
     /// Integrated curvature.
     pub defects: Vec<f64>,
     /// Diagonal of the stiffness matrix.
     pub diagonal: Vec<f64>,
-    /// Place in an elimination order of the whole surface of little fill. The order stays good on
-    /// any subset, as its fill there is a subset of that of the whole.
-    pub ranks: Vec<u32>,
+    /// Neighbours of each vertex that come before it, in order.
     pub row_starts: Vec<usize>,
     pub columns: Vec<u32>,
     /// Off-diagonal stiffness in the order of `columns`.
@@ -74,14 +72,12 @@ impl Geometry {
                 twins[sides[1] as usize] = sides[0];
             }
         }
-        let mut degrees = vec![0; n];
         let mut surface_lengths = Vec::with_capacity(3 * m);
         let mut angles = Vec::with_capacity(3 * m);
         let (mut normals, mut centroids) = (Vec::with_capacity(m), Vec::with_capacity(m));
         for face in mesh.faces() {
             let p = face.map(|v| positions[v as usize]);
             for k in 0..3 {
-                degrees[face[k] as usize] += 1;
                 let (to, from) = (
                     subtract(p[(k + 1) % 3], p[k]),
                     subtract(p[(k + 2) % 3], p[k]),
@@ -97,46 +93,63 @@ impl Geometry {
             normals.push(normal.map(|x| x / length));
             centroids.push([0, 1, 2].map(|axis| (p[0][axis] + p[1][axis] + p[2][axis]) / 3.0));
         }
-        for (degree, &border) in degrees.iter_mut().zip(mesh.on_boundary()) {
-            if border {
-                *degree = NONE;
-            }
-        }
         let adjacency = mesh.adjacency();
-        let diagonal = (0..n).map(|v| stiffness.diagonal(adjacency, v)).collect();
-        let mut ranks = vec![0; n];
-        for (rank, &v) in surface
-            .dirichlet_system()?
-            .symbolic()
-            .order()
-            .iter()
-            .enumerate()
-        {
-            ranks[v as usize] = rank as u32;
+        let symbolic = surface.dirichlet_system()?.symbolic();
+        let order = symbolic.order();
+        let mut ranks = vec![0_u32; n];
+        for (rank, &v) in (0..).zip(order) {
+            ranks[v as usize] = rank;
+        }
+        let ordered = |values: &[f64]| order.iter().map(|&v| values[v as usize]).collect();
+        let diagonal: Vec<f64> = (0..n).map(|v| stiffness.diagonal(adjacency, v)).collect();
+        let masses: Vec<f64> = mesh.mass().iter().map(|a| a / (unit * unit)).collect();
+        let mut row_starts = vec![0];
+        let (mut columns, mut values) = (Vec::new(), Vec::new());
+        let mut row: Vec<(u32, f64)> = Vec::new();
+        for (rank, &v) in (0..).zip(order) {
+            let entries = adjacency.starts()[v as usize]..adjacency.starts()[v as usize + 1];
+            row.clear();
+            row.extend(
+                entries
+                    .map(|e| {
+                        (
+                            ranks[adjacency.vertices()[e] as usize],
+                            stiffness.values()[e],
+                        )
+                    })
+                    .filter(|entry| entry.0 < rank),
+            );
+            row.sort_unstable_by_key(|entry| entry.0);
+            columns.extend(row.iter().map(|entry| entry.0));
+            values.extend(row.iter().map(|entry| entry.1));
+            row_starts.push(columns.len());
         }
         Ok(Self {
             unit,
-            origins: mesh.faces().as_flattened().to_vec(),
+            origins: mesh
+                .faces()
+                .as_flattened()
+                .iter()
+                .map(|&v| ranks[v as usize])
+                .collect(),
             twins,
             lengths: surface_lengths.iter().map(|length| length / unit).collect(),
             surface_lengths,
             angles,
             half_cotangents: mesh.half_cotangents().as_flattened().to_vec(),
             stiffness: edge_stiffness,
-            positions,
+            positions: order.iter().map(|&v| positions[v as usize]).collect(),
             areas: mesh.areas().iter().map(|a| a / (unit * unit)).collect(),
             normals,
             centroids,
             mean_edge_length: mesh.mean_edge_length() / unit,
             vertices: Vertices {
-                degrees,
-                masses: mesh.mass().iter().map(|a| a / (unit * unit)).collect(),
-                defects: mesh.angle_defects().to_vec(),
-                diagonal,
-                ranks,
-                row_starts: adjacency.starts().to_vec(),
-                columns: adjacency.vertices().to_vec(),
-                values: stiffness.values().to_vec(),
+                masses: ordered(&masses),
+                defects: ordered(mesh.angle_defects()),
+                diagonal: ordered(&diagonal),
+                row_starts,
+                columns,
+                values,
             },
         })
     }

@@ -19,6 +19,7 @@ mod random;
 mod relax;
 mod repair;
 mod split;
+mod touch;
 
 pub use energy::{Rule, Terms};
 pub use merge::Merge;
@@ -78,16 +79,40 @@ impl Partition {
         })
     }
 
-    /// Starts anew from the connected pieces of equal label, whose boundaries are good to about
-    /// `reach` mean edge lengths: so wide are the first bands.
+    /// Starts anew from the connected pieces of equal label.
+    ///
+    /// Labels that come from another surface of the same shape have boundaries that are good to about
+    /// `reach` mean edge lengths: so wide are the first bands, and pieces below a thousandth of the
+    /// area go to the neighbour along the longest boundary. A `reach` of zero leaves them as they are.
     ///
     /// # Errors
     /// [`crate::Error::Length`] for labels that are not one a face.
     pub fn set_labels(&mut self, labels: &[i64], reach: f64) -> Result<()> {
         check_length("labels", labels.len(), self.charts.labels.len())?;
+        let mut labels = distinct(labels);
+        if reach > 0.0 {
+            labels = self.joined(&labels);
+        }
         self.memory = Memory::new(reach);
-        self.replace(Charts::new(&self.energies, &distinct(labels), &self.rule));
+        self.replace(Charts::new(&self.energies, &labels, &self.rule));
         Ok(())
+    }
+
+    /// Labels of the connected pieces of equal label, small ones joined to others.
+    fn joined(&self, labels: &[u32]) -> Vec<u32> {
+        let geometry = &self.energies.geometry;
+        let all: Vec<u32> = (0..labels.len() as u32).collect();
+        let pieces = self
+            .energies
+            .with_marks(|marks| charts::pieces(geometry, &all, marks, |f| labels[f]));
+        let pieces = charts::join_small(geometry, pieces, energy::SMALLEST);
+        let mut labels = vec![0; labels.len()];
+        for (label, piece) in (0..).zip(&pieces) {
+            for &f in piece {
+                labels[f as usize] = label;
+            }
+        }
+        labels
     }
 
     /// Starts anew from about `count` cells of similar normals.
@@ -129,19 +154,6 @@ impl Partition {
                 .map(|c| c.terms.area)
                 .fold(f64::INFINITY, f64::min),
         }
-    }
-
-    /// Gives pieces below a thousandth of the area to the neighbour along the longest boundary.
-    pub fn join_small(&mut self) {
-        let pieces = self.charts.charts.iter().map(|c| c.faces.clone()).collect();
-        let pieces = charts::join_small(&self.energies.geometry, pieces, energy::SMALLEST);
-        let mut labels = vec![0; self.charts.labels.len()];
-        for (label, piece) in (0..).zip(&pieces) {
-            for &f in piece {
-                labels[f as usize] = label;
-            }
-        }
-        self.replace(Charts::new(&self.energies, &labels, &self.rule));
     }
 
     /// Merges charts while the energy falls.

@@ -28,6 +28,8 @@ const SMOOTHINGS: usize = 4;
 const SPLIT: f64 = 0.5;
 /// Least gain of a move, in roots of the area.
 const GAIN: f64 = 1e-6;
+/// Gain that a cut is to promise before its exact energy is asked for.
+const PROMISE: f64 = 1e-4;
 
 /// Gain of a sweep, relative to the energy, at which the boundaries rest.
 const REST: f64 = 1e-4;
@@ -42,8 +44,8 @@ pub(super) struct Memory {
     settled: HashSet<(u128, u128)>,
     /// Band of the first attempt at a pair of labels, in mean edge lengths.
     first: f64,
-    /// Band of the next attempt.
-    radii: HashMap<(u32, u32), f64>,
+    /// Band of the next attempt, and the factor that is tried first.
+    next: HashMap<(u32, u32), Attempt>,
     /// Charts whose boundaries may move; all where there is none.
     pub active: Option<BTreeSet<u32>>,
 }
@@ -53,7 +55,7 @@ impl Memory {
         Self {
             settled: HashSet::new(),
             first: first.max(NARROWEST),
-            radii: HashMap::new(),
+            next: HashMap::new(),
             active: None,
         }
     }
@@ -64,11 +66,19 @@ impl Memory {
     }
 }
 
+#[derive(Debug, Clone, Copy)]
+struct Attempt {
+    /// Half the width of the band, in mean edge lengths.
+    radius: f64,
+    /// Place in [`FACTORS`].
+    factor: usize,
+}
+
 /// Two charts that take the place of two others.
 struct Move {
     charts: [Arc<Chart>; 2],
     gain: f64,
-    radius: f64,
+    attempt: Attempt,
 }
 
 /// Moves each boundary once, the longest first; after the first sweep only those of charts that have
@@ -100,28 +110,37 @@ pub(super) fn sweep(
         let moves: Vec<Option<Move>> = now
             .par_iter()
             .map(|pair| {
-                let radius = memory.radii.get(pair).copied().unwrap_or(memory.first);
                 if memory.settled.contains(&key(charts, *pair)) {
                     return None;
                 }
-                improve(energies, charts, *pair, rule, radius)
+                let first = Attempt {
+                    radius: memory.first,
+                    factor: 0,
+                };
+                let attempt = memory.next.get(pair).copied().unwrap_or(first);
+                improve(energies, charts, *pair, rule, attempt)
             })
             .collect();
         for (pair, found) in now.into_iter().zip(moves) {
             if let Some(Move {
                 charts: [a, b],
                 gain: by,
-                radius,
+                attempt,
             }) = found
             {
                 gain += by;
                 charts.replace(pair.0, a);
                 charts.replace(pair.1, b);
                 changed.extend([pair.0, pair.1]);
-                memory.radii.insert(pair, (WIDENING * radius).min(WIDEST));
+                let radius = (WIDENING * attempt.radius).min(WIDEST);
+                memory.next.insert(pair, Attempt { radius, ..attempt });
             } else {
                 memory.settled.insert(key(charts, pair));
-                memory.radii.insert(pair, NARROWEST);
+                let narrow = Attempt {
+                    radius: NARROWEST,
+                    factor: 0,
+                };
+                memory.next.insert(pair, narrow);
             }
         }
     }
@@ -175,7 +194,7 @@ fn improve(
     charts: &Charts,
     (a, b): (u32, u32),
     rule: &Rule,
-    mut radius: f64,
+    first: Attempt,
 ) -> Option<Move> {
     let pair = [a, b].map(|label| &charts.charts[label as usize]);
     let soft = Rule {
@@ -194,12 +213,17 @@ fn improve(
     };
     let interface = energies.with_marks(|marks| Interface::new(energies, charts, [a, b], marks))?;
     let mut tried = HashSet::from([pair[0].hash]);
+    let mut radius = first.radius;
     while radius >= NARROWEST {
-        let band = energies
-            .with_marks(|marks| interface.band(&energies.geometry, charts, [a, b], radius, marks));
-        let mut best: Option<([Arc<Chart>; 2], f64)> = None;
-        for factor in FACTORS {
-            let sides = band.cut(charts, b, factor * rule.distortion);
+        let band = energies.with_marks(|marks| {
+            interface.band(&energies.geometry, &charts.labels, [a, b], radius, marks)
+        });
+        for turn in 0..FACTORS.len() {
+            let factor = (first.factor + turn) % FACTORS.len();
+            let (promise, sides) = band.cut(&charts.labels, b, FACTORS[factor] * rule.distortion);
+            if promise < PROMISE {
+                continue;
+            }
             let parts = energies
                 .with_marks(|marks| separate(&energies.geometry, pair, &band.faces, &sides, marks));
             let Some([first, second]) = parts else {
@@ -210,16 +234,13 @@ fn improve(
             }
             let found = [energies.chart(first, rule), energies.chart(second, rule)];
             let after = rule.cost(&found[0].terms) + rule.cost(&found[1].terms);
-            if after < best.as_ref().map_or(before - GAIN, |best| best.1) {
-                best = Some((found, after));
+            if after < before - GAIN {
+                return Some(Move {
+                    charts: found,
+                    gain: before - after,
+                    attempt: Attempt { radius, factor },
+                });
             }
-        }
-        if let Some((charts, after)) = best {
-            return Some(Move {
-                charts,
-                gain: before - after,
-                radius,
-            });
         }
         radius *= 0.5;
     }
@@ -242,6 +263,8 @@ struct Band {
     changes: Vec<f64>,
     /// What the lengths of the edges between the faces and around them cost.
     network: Network,
+    /// What they cost now.
+    length: f64,
 }
 
 impl Interface {
@@ -332,8 +355,8 @@ impl Interface {
     fn band(
         &self,
         geometry: &Geometry,
-        charts: &Charts,
-        labels: [u32; 2],
+        labels: &[u32],
+        pair: [u32; 2],
         radius: f64,
         marks: &mut Marks,
     ) -> Band {
@@ -358,21 +381,26 @@ impl Interface {
             marks.set_face(f as usize, found.len() as u32);
             found.push((f, i));
             for (_, g) in geometry.around(f as usize) {
-                if labels.contains(&charts.labels[g]) && marks.face(g).is_none() {
+                if pair.contains(&labels[g]) && marks.face(g).is_none() {
                     push(&mut heap, g as u32, i);
                 }
             }
         }
         let mut network = Network::new(found.len());
         let mut costs = vec![[0.0; 2]; found.len()];
+        let mut length = 0.0;
         for (i, &(f, _)) in found.iter().enumerate() {
             for (h, g) in geometry.around(f as usize) {
-                let length = geometry.lengths[h];
-                match marks.face(g) {
-                    Some(j) if i < j => network.add_edge(i, j, length),
-                    None if charts.labels[g] == labels[0] => costs[i][1] += length,
-                    None if charts.labels[g] == labels[1] => costs[i][0] += length,
-                    Some(_) | None => (),
+                let edge = geometry.lengths[h];
+                let place = marks.face(g);
+                match place {
+                    Some(j) if i < j => network.add_edge(i, j, edge),
+                    None if labels[g] == pair[0] => costs[i][1] += edge,
+                    None if labels[g] == pair[1] => costs[i][0] += edge,
+                    _ => continue,
+                }
+                if labels[g] != labels[f as usize] {
+                    length += edge;
                 }
             }
         }
@@ -387,23 +415,26 @@ impl Interface {
             faces: found.into_iter().map(|(f, _)| f).collect(),
             changes,
             network,
+            length,
         }
     }
 }
 
 impl Band {
-    /// Sides of the faces, the source being the first chart, for the given weight of distortion.
-    fn cut(&self, charts: &Charts, second: u32, weight: f64) -> Vec<Side> {
+    /// Sides of the faces, the source being the first chart, for the given weight of distortion, and
+    /// what is gained if length and slopes tell the truth.
+    fn cut(&self, labels: &[u32], second: u32, weight: f64) -> (f64, Vec<Side>) {
         let mut network = self.network.clone();
         for (i, (&f, change)) in self.faces.iter().zip(&self.changes).enumerate() {
             // What the second chart gains or the first one gains back.
-            if charts.labels[f as usize] == second {
+            if labels[f as usize] == second {
                 network.add_costs(i, -weight * change, 0.0);
             } else {
                 network.add_costs(i, 0.0, weight * change);
             }
         }
-        network.minimum_cut().1
+        let (cost, sides) = network.minimum_cut();
+        (self.length - cost, sides)
     }
 }
 
