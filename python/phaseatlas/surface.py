@@ -300,7 +300,7 @@ class Surface:
         ----------
         seam_costs : (m, 3) array_like of float
             Positive factor of edge (f[k], f[(k + 1) % 3]) of each face f; the larger one of its two
-            faces counts.
+            faces counts. No seam runs along an edge whose factor is infinite.
 
         Raises
         ------

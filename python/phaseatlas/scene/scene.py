@@ -17,9 +17,8 @@ from .repair import Component, Repaired, components, repair
 
 __all__ = ["Scene", "SceneMesh", "load_scene", "polygons_of", "scene_of"]
 
-# What a seam along a diagonal of a polygon costs for its length: more than any way around, whose
-# length is a few thousand times that of an edge at most.
-_DIAGONAL = 1e4
+# No seam runs along a diagonal of a polygon.
+_DIAGONAL = np.inf
 
 
 @dataclass(frozen=True, eq=False)

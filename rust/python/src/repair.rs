@@ -129,6 +129,9 @@ impl Repair {
     }
 }
 
+/// Polygon and corners of every triangle.
+type Triangles<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<i64>>);
+
 /// Polygons cut into triangles: the polygon of each, and its places in `corners`.
 #[pyfunction]
 pub fn triangulate<'py>(
@@ -136,7 +139,7 @@ pub fn triangulate<'py>(
     positions: PyReadonlyArray2<'_, f64>,
     corners: PyReadonlyArray1<'_, i64>,
     sizes: PyReadonlyArray1<'_, i64>,
-) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<i64>>)> {
+) -> PyResult<Triangles<'py>> {
     let positions = rows::<3, f64>("positions", &positions)?;
     let (corners, sizes) = (corners.as_slice()?, sizes.as_slice()?);
     let (polygon, triangles) =

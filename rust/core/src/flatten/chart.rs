@@ -55,7 +55,10 @@ impl ChartMesh {
     fn build(surface: &TriangleMesh, faces: &[i64], keep_holes: bool) -> Result<Self> {
         check_faces("faces", surface, faces)?;
         let corners: Vec<[u32; 3]> = faces.iter().map(|&f| surface.faces()[f as usize]).collect();
-        let domain = Submesh::new(surface, &corners)?;
+        let costs: Option<Vec<[f64; 3]>> = surface
+            .seam_costs()
+            .map(|costs| faces.iter().map(|&f| costs[f as usize]).collect());
+        let domain = Submesh::new(surface, &corners, costs.as_deref())?;
         let euler_characteristic = domain.mesh.euler_characteristic();
         // A flat piece with holes is in the plane as it is.
         let with_holes = domain.mesh.n_boundary_loops() > 1 && domain.mesh.genus() == 0;
@@ -78,7 +81,10 @@ impl ChartMesh {
             .iter()
             .map(|&v| surface.vertices()[v as usize])
             .collect();
-        let mesh = TriangleMesh::accepted(positions, &split.faces)?;
+        let mesh = with_costs(
+            TriangleMesh::accepted(positions, &split.faces)?,
+            costs.as_deref(),
+        )?;
         if mesh.euler_characteristic() != 1 {
             return Err(Error::Topology {
                 argument: "faces",
@@ -125,7 +131,11 @@ struct Submesh {
 }
 
 impl Submesh {
-    fn new(surface: &TriangleMesh, corners: &[[u32; 3]]) -> Result<Self> {
+    fn new(
+        surface: &TriangleMesh,
+        corners: &[[u32; 3]],
+        costs: Option<&[[f64; 3]]>,
+    ) -> Result<Self> {
         let mut sides: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * corners.len());
         for (f, face) in corners.iter().enumerate() {
             for k in 0..3 {
@@ -145,9 +155,16 @@ impl Submesh {
             .map(|&v| surface.vertices()[v as usize])
             .collect();
         Ok(Self {
-            mesh: TriangleMesh::accepted(positions, &split.faces)?,
+            mesh: with_costs(TriangleMesh::accepted(positions, &split.faces)?, costs)?,
             vertices: split.origin,
         })
+    }
+}
+
+fn with_costs(mesh: TriangleMesh, costs: Option<&[[f64; 3]]>) -> Result<TriangleMesh> {
+    match costs {
+        Some(costs) => mesh.with_seam_costs(costs),
+        None => Ok(mesh),
     }
 }
 

@@ -6,6 +6,9 @@ use petgraph::unionfind::UnionFind;
 
 use crate::mesh::{NONE, TriangleMesh, distance};
 
+/// Factor on the length of an edge along which no seam is to run: more than any way around takes.
+const FORBIDDEN: f64 = 1e6;
+
 /// Edges to cut along and their length.
 pub(super) struct Cut {
     pub edges: Vec<bool>,
@@ -26,12 +29,14 @@ pub(super) fn cut_to_disk(mesh: &TriangleMesh) -> Cut {
         let [a, b] = edges[e].map(|v| mesh.vertices()[v as usize]);
         distance(a, b)
     };
+    // An infinite cost would make ways along it alike.
+    let cost = |e: usize| length(e) * mesh.seam_cost(e).min(FORBIDDEN);
     let boundary = |e: usize| half_edges[e][1] == NONE;
-    let tree = shortest_path_tree(mesh, &length, &boundary);
+    let tree = shortest_path_tree(mesh, &cost, &boundary);
 
     let loop_length = |e: usize| {
         let [a, b] = edges[e];
-        tree.distance[a as usize] + tree.distance[b as usize] + length(e)
+        tree.distance[a as usize] + tree.distance[b as usize] + cost(e)
     };
     let mut dual_edges: Vec<usize> = (0..edges.len())
         .filter(|&e| !boundary(e) && !tree.edges[e])

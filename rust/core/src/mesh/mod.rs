@@ -3,7 +3,7 @@
 mod geometry;
 mod topology;
 
-use crate::error::{Result, check_length, check_positive};
+use crate::error::{Result, check_length, check_parameter};
 use geometry::Geometry;
 pub(crate) use geometry::{cross, distance, dot, is_face, subtract};
 use topology::Topology;
@@ -88,7 +88,8 @@ impl TriangleMesh {
 
     /// Gives every edge a factor on its length where a seam runs along it.
     ///
-    /// There is one for each half-edge; an edge takes the larger of its two.
+    /// There is one for each half-edge; an edge takes the larger of its two. No seam runs along an
+    /// edge whose factor is infinite.
     ///
     /// # Errors
     /// For another number of faces, or a factor that is not positive.
@@ -96,7 +97,7 @@ impl TriangleMesh {
         check_length("seam_costs", costs.len(), self.n_faces())?;
         let costs = costs.as_flattened();
         for &cost in costs {
-            check_positive("seam_costs", cost)?;
+            check_parameter("seam_costs", cost, cost > 0.0, "a positive number")?;
         }
         let larger = |&[h, opposite]: &[u32; 2]| {
             let cost = costs[h as usize];
@@ -106,6 +107,21 @@ impl TriangleMesh {
         };
         self.seam_costs = self.edge_half_edges().iter().map(larger).collect();
         Ok(self)
+    }
+
+    /// What [`Self::with_seam_costs`] was given, or as good; none where all are 1.
+    #[must_use]
+    pub fn seam_costs(&self) -> Option<Vec<[f64; 3]>> {
+        if self.seam_costs.is_empty() {
+            return None;
+        }
+        let mut costs = vec![[1.0; 3]; self.n_faces()];
+        for (sides, &cost) in self.edge_half_edges().iter().zip(&self.seam_costs) {
+            for &h in sides.iter().filter(|&&h| h != NONE) {
+                costs[h as usize / 3][h as usize % 3] = cost;
+            }
+        }
+        Some(costs)
     }
 
     /// What a seam along an edge costs for its length.
@@ -300,7 +316,14 @@ mod tests {
         let mesh = square().with_seam_costs(&costs).unwrap();
         let found: Vec<_> = (0..5).map(|edge| mesh.seam_cost(edge)).collect();
         assert_eq!(found, [1.0, 4.0, 0.5, 2.0, 5.0]);
-        for bad in [[[1.0; 3], [0.0; 3]], [[1.0; 3], [f64::INFINITY; 3]]] {
+        let again = square()
+            .with_seam_costs(&mesh.seam_costs().unwrap())
+            .unwrap();
+        assert_eq!(
+            (0..5).map(|edge| again.seam_cost(edge)).collect::<Vec<_>>(),
+            found
+        );
+        for bad in [[[1.0; 3], [0.0; 3]], [[1.0; 3], [f64::NAN; 3]]] {
             assert!(square().with_seam_costs(&bad).is_err());
         }
         assert!(square().with_seam_costs(&costs[1..]).is_err());

@@ -94,7 +94,7 @@ impl Charts {
             for (h, g) in geometry.around(f) {
                 let b = self.labels[g];
                 if a < b {
-                    *seams.entry((a, b)).or_default() += geometry.lengths[h];
+                    *seams.entry((a, b)).or_default() += geometry.costs[h];
                 }
             }
         }
@@ -176,7 +176,7 @@ pub(super) fn join_small(
             if let Some(&b) = owner.get(&(g as u32))
                 && a != b
             {
-                *shared[a].entry(b).or_default() += geometry.lengths[h];
+                *shared[a].entry(b).or_default() += geometry.costs[h];
             }
         }
     }

@@ -148,7 +148,7 @@ impl Network {
                 let (a, b) = (corner[i], corner[next(i)]);
                 edges.push(Edge {
                     ends: [a.min(b), a.max(b)],
-                    length: geometry.surface_lengths[h],
+                    length: geometry.surface_costs[h],
                     sides: [i as u32, other],
                 });
             }

@@ -121,7 +121,7 @@ impl Disk {
                 if across.is_none_or(|g| marks.face(g).is_none()) {
                     n_boundary += 1;
                     if across.is_some() {
-                        perimeter += geometry.lengths[h];
+                        perimeter += geometry.costs[h];
                     }
                     marks.set_vertex(v as usize, NONE);
                     marks.set_vertex(geometry.origins[next(h)] as usize, NONE);

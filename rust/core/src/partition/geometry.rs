@@ -1,9 +1,16 @@
 //! What the partition asks of a surface, per half-edge, on a copy of unit area.
 
+use std::collections::HashMap;
+
+use petgraph::unionfind::UnionFind;
+
 use crate::error::Result;
-use crate::mesh::{NONE, distance};
+use crate::mesh::{Adjacency, NONE, TriangleMesh, distance};
 use crate::operators::Stiffness;
 use crate::surface::Surface;
+
+/// Factor on the length of an edge along which no seam may run: more than any boundary is worth.
+const FORBIDDEN: f64 = 1e6;
 
 /// A surface scaled to unit area. Half-edge `3 f + k` runs from corner `k` of face `f` to the next.
 /// Vertices are numbered by an elimination order of little fill. The order stays good on any subset,
@@ -17,8 +24,12 @@ pub(super) struct Geometry {
     /// The half-edge on the other side; [`NONE`] at the border of the surface.
     pub twins: Vec<u32>,
     pub lengths: Vec<f64>,
+    /// What a seam along each half-edge costs: its length, times a factor where the surface has some.
+    pub costs: Vec<f64>,
     /// The same in the units of the surface, by which equally long ways compare as they do elsewhere.
-    pub surface_lengths: Vec<f64>,
+    pub surface_costs: Vec<f64>,
+    /// A face that stands for those that no seam may separate; empty where seams may run anywhere.
+    pub groups: Vec<u32>,
     /// Angle at the corner that the half-edge starts at.
     pub angles: Vec<f64>,
     /// Half the cotangent of the angle opposite to the half-edge, in its own face.
@@ -93,6 +104,7 @@ impl Geometry {
             normals.push(normal.map(|x| x / length));
             centroids.push([0, 1, 2].map(|axis| (p[0][axis] + p[1][axis] + p[2][axis]) / 3.0));
         }
+        let (surface_costs, groups) = seam_costs(mesh, &surface_lengths);
         let adjacency = mesh.adjacency();
         let symbolic = surface.dirichlet_system()?.symbolic();
         let order = symbolic.order();
@@ -103,27 +115,7 @@ impl Geometry {
         let ordered = |values: &[f64]| order.iter().map(|&v| values[v as usize]).collect();
         let diagonal: Vec<f64> = (0..n).map(|v| stiffness.diagonal(adjacency, v)).collect();
         let masses: Vec<f64> = mesh.mass().iter().map(|a| a / (unit * unit)).collect();
-        let mut row_starts = vec![0];
-        let (mut columns, mut values) = (Vec::new(), Vec::new());
-        let mut row: Vec<(u32, f64)> = Vec::new();
-        for (rank, &v) in (0..).zip(order) {
-            let entries = adjacency.starts()[v as usize]..adjacency.starts()[v as usize + 1];
-            row.clear();
-            row.extend(
-                entries
-                    .map(|e| {
-                        (
-                            ranks[adjacency.vertices()[e] as usize],
-                            stiffness.values()[e],
-                        )
-                    })
-                    .filter(|entry| entry.0 < rank),
-            );
-            row.sort_unstable_by_key(|entry| entry.0);
-            columns.extend(row.iter().map(|entry| entry.0));
-            values.extend(row.iter().map(|entry| entry.1));
-            row_starts.push(columns.len());
-        }
+        let (row_starts, columns, values) = earlier(adjacency, &stiffness, order, &ranks);
         Ok(Self {
             unit,
             origins: mesh
@@ -134,7 +126,9 @@ impl Geometry {
                 .collect(),
             twins,
             lengths: surface_lengths.iter().map(|length| length / unit).collect(),
-            surface_lengths,
+            costs: surface_costs.iter().map(|cost| cost / unit).collect(),
+            surface_costs,
+            groups,
             angles,
             half_cotangents: mesh.half_cotangents().as_flattened().to_vec(),
             stiffness: edge_stiffness,
@@ -152,6 +146,17 @@ impl Geometry {
                 values,
             },
         })
+    }
+
+    /// Gives all faces that no seam may separate the label of the first of them in the list.
+    pub fn unite(&self, faces: &[u32], labels: &mut [u32]) {
+        if self.groups.is_empty() {
+            return;
+        }
+        let mut of_group = HashMap::new();
+        for (&f, label) in faces.iter().zip(labels) {
+            *label = *of_group.entry(self.groups[f as usize]).or_insert(*label);
+        }
     }
 
     pub fn n_faces(&self) -> usize {
@@ -178,6 +183,61 @@ impl Geometry {
     pub fn area_of(&self, faces: &[u32]) -> f64 {
         faces.iter().map(|&f| self.areas[f as usize]).sum()
     }
+}
+
+/// The neighbours of each vertex that come before it in the order, row by row: where the rows start,
+/// the columns, and the stiffness there.
+fn earlier(
+    adjacency: &Adjacency,
+    stiffness: &Stiffness,
+    order: &[u32],
+    ranks: &[u32],
+) -> (Vec<usize>, Vec<u32>, Vec<f64>) {
+    let mut row_starts = vec![0];
+    let (mut columns, mut values) = (Vec::new(), Vec::new());
+    let mut row: Vec<(u32, f64)> = Vec::new();
+    for (rank, &v) in (0..).zip(order) {
+        let entries = adjacency.starts()[v as usize]..adjacency.starts()[v as usize + 1];
+        row.clear();
+        row.extend(
+            entries
+                .map(|e| {
+                    (
+                        ranks[adjacency.vertices()[e] as usize],
+                        stiffness.values()[e],
+                    )
+                })
+                .filter(|entry| entry.0 < rank),
+        );
+        row.sort_unstable_by_key(|entry| entry.0);
+        columns.extend(row.iter().map(|entry| entry.0));
+        values.extend(row.iter().map(|entry| entry.1));
+        row_starts.push(columns.len());
+    }
+    (row_starts, columns, values)
+}
+
+/// What seams along the half-edges cost, and the groups of faces that no seam may separate.
+fn seam_costs(mesh: &TriangleMesh, lengths: &[f64]) -> (Vec<f64>, Vec<u32>) {
+    let Some(factors) = mesh.seam_costs() else {
+        return (lengths.to_vec(), Vec::new());
+    };
+    let factors = factors.as_flattened();
+    let costs = factors
+        .iter()
+        .zip(lengths)
+        .map(|(factor, length)| factor.min(FORBIDDEN) * length)
+        .collect();
+    let mut joined = UnionFind::<u32>::new(mesh.n_faces());
+    let mut any = false;
+    for &[h, opposite] in mesh.edge_half_edges() {
+        if opposite != NONE && factors[h as usize].is_infinite() {
+            joined.union(h / 3, opposite / 3);
+            any = true;
+        }
+    }
+    let groups = any.then(|| joined.into_labeling());
+    (costs, groups.unwrap_or_default())
 }
 
 /// The half-edge after `h` in its face.

@@ -90,6 +90,7 @@ impl Partition {
     pub fn set_labels(&mut self, labels: &[i64], reach: f64) -> Result<()> {
         check_length("labels", labels.len(), self.charts.labels.len())?;
         let mut labels = distinct(labels);
+        self.unite(&mut labels);
         if reach > 0.0 {
             labels = self.joined(&labels);
         }
@@ -117,9 +118,15 @@ impl Partition {
 
     /// Starts anew from about `count` cells of similar normals.
     pub fn set_cells(&mut self, count: usize) {
-        let labels = cells::cells(&self.energies.geometry, count);
+        let mut labels = cells::cells(&self.energies.geometry, count);
+        self.unite(&mut labels);
         self.memory = Memory::new(0.0);
         self.replace(Charts::new(&self.energies, &labels, &self.rule));
+    }
+
+    fn unite(&self, labels: &mut [u32]) {
+        let faces: Vec<u32> = (0..labels.len() as u32).collect();
+        self.energies.geometry.unite(&faces, labels);
     }
 
     fn replace(&mut self, charts: Charts) {

@@ -391,7 +391,7 @@ impl Interface {
         let mut length = 0.0;
         for (i, &(f, _)) in found.iter().enumerate() {
             for (h, g) in geometry.around(f as usize) {
-                let edge = geometry.lengths[h];
+                let edge = geometry.costs[h];
                 let place = marks.face(g);
                 match place {
                     Some(j) if i < j => network.add_edge(i, j, edge),

@@ -32,7 +32,8 @@ pub(super) fn split(
             })
         })
         .collect();
-    let clusters = k_means(&points, count.min(faces.len()), random);
+    let mut clusters = k_means(&points, count.min(faces.len()), random);
+    geometry.unite(faces, &mut clusters);
     let parts = energies.with_marks(|marks| pieces(geometry, faces, marks, |i| clusters[i]));
     join_small(geometry, parts, smallest)
 }
