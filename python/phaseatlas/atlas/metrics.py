@@ -32,7 +32,7 @@ _SPARSE_AREA = 0.02
 # Height of a face, relative to the side of the layout, below which single precision cannot tell its
 # sides apart: four units in the last place just below 1.
 THIN = 4 * 2.0**-24
-CURE = "segments found with a distortion weight of 3 to 10 (--distortion 3) lie flatter"
+CURE = "a larger weight of the distortion (--distortion) makes charts that lie flatter"
 # Two UVs further apart than this share of the layout's side are different.
 _UV_TOLERANCE = 1e-9
 

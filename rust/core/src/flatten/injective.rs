@@ -3,13 +3,15 @@
 use std::collections::HashMap;
 
 use super::polygon::{Point, are_apart, turn};
+use super::touch::only_touches;
 
 /// What keeps a map from being a bijection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Faults {
     /// Faces that are turned over or have no area, without those that are thin.
     pub flips: usize,
-    /// Whether the boundary of the map crosses or touches itself, but at a common vertex.
+    /// Whether the boundary of the map crosses itself. It may pass a vertex twice, and a single loop
+    /// may touch itself up to rounding, as the banks of a slit through a flat part do.
     pub crosses: bool,
     /// Faces too thin to be judged.
     pub thin: usize,
@@ -115,7 +117,7 @@ fn crosses(faces: &[[u32; 3]], uv: &[Point]) -> bool {
         .collect();
     open.sort_unstable();
     if !are_apart(uv, &open) {
-        return true;
+        return !single_loop(&open, uv).is_some_and(|points| only_touches(&points));
     }
     // The fans of faces around a vertex where the boundary passes more than once.
     open.chunk_by(|p, q| p[0] == q[0])
@@ -129,6 +131,19 @@ fn crosses(faces: &[[u32; 3]], uv: &[Point]) -> bool {
             (0..fans.len())
                 .any(|i| (0..fans.len()).any(|j| i != j && is_between(centre, fans[i], fans[j][0])))
         })
+}
+
+/// The points of the sides in a row, where they make one loop that passes every vertex once.
+fn single_loop(open: &[[u32; 2]], uv: &[Point]) -> Option<Vec<Point>> {
+    let after: HashMap<u32, u32> = open.iter().map(|&[a, b]| (a, b)).collect();
+    let start = open.first()?[0];
+    let mut points = vec![uv[start as usize]];
+    let mut vertex = *after.get(&start)?;
+    while vertex != start && points.len() < open.len() {
+        points.push(uv[vertex as usize]);
+        vertex = *after.get(&vertex)?;
+    }
+    (vertex == start && points.len() == open.len()).then_some(points)
 }
 
 /// The last vertex of the fan of faces that begins at the open side v to b, turning left about v.

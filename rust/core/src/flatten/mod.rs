@@ -13,6 +13,7 @@ mod isometric;
 mod lscm;
 mod plane;
 pub(crate) mod polygon;
+pub(crate) mod touch;
 mod tutte;
 
 pub use bff::{Bff, bff};

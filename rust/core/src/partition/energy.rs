@@ -8,9 +8,9 @@ use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
 use super::random::mixed;
-use super::touch::only_touches;
 use crate::error::Result;
 use crate::flatten::polygon::{covered_twice, is_simple, turn};
+use crate::flatten::touch::only_touches;
 use crate::parallel::Buffers;
 
 /// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts

@@ -19,7 +19,6 @@ mod random;
 mod relax;
 mod repair;
 mod split;
-mod touch;
 
 pub use energy::{Rule, Terms};
 pub use merge::Merge;

@@ -1,7 +1,7 @@
 //! Closed polygons that touch themselves up to rounding: both banks of a cut through a flat part of a
 //! chart come to lie on each other.
 
-use crate::flatten::polygon::{Point, turn};
+use super::polygon::{Point, turn};
 
 /// How far a crossing reaches where it may be a touch, relative to the extent of the polygon; the
 /// rounding of a boundary of a thousand sides is a thousand times less.
@@ -14,7 +14,7 @@ const DIRECTIONS: usize = 16;
 
 /// Whether the closed polygon, which runs counterclockwise, crosses itself nowhere by more than
 /// rounding, and covers no place near a touch twice or from behind.
-pub(super) fn only_touches(points: &[Point]) -> bool {
+pub(crate) fn only_touches(points: &[Point]) -> bool {
     let n = points.len();
     let low = |axis: usize| points.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
     let high = |axis: usize| {
