@@ -38,6 +38,7 @@ __all__ = [
     "parse_obj",
     "rasterize",
     "sample",
+    "share_out",
     "symmetric_dirichlet",
     "triangulate",
 ]
@@ -164,6 +165,17 @@ class Screened:
     ) -> NDArray[np.float64]: ...
 
 def label_components(mesh: TriangleMesh, labels: NDArray[np.int64]) -> NDArray[np.int64]: ...
+def share_out(
+    starts: NDArray[np.int64],
+    neighbours: NDArray[np.int64],
+    costs: NDArray[np.float64],
+    areas: NDArray[np.float64],
+    cover_starts: NDArray[np.int64],
+    cover_leaves: NDArray[np.int64],
+    cover_areas: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    splits: NDArray[np.int64],
+) -> NDArray[np.int64]: ...
 
 @final
 class CutChart:

@@ -106,6 +106,9 @@ class Diagnostics:
         Part of the area of the node's faces that the child's faces have.
     seconds : dict of str to float
         Wall time by what it was spent on, over all stages.
+    fallback : str
+        Why the node was split half way between its ends instead of by its field; empty where it
+        was not.
     """
 
     level: int
@@ -125,6 +128,7 @@ class Diagnostics:
     share: float = 0.5
     sharp_share: float = 0.5
     seconds: dict[str, float] = field(default_factory=dict, repr=False, compare=False)
+    fallback: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 
 from .segmentation import Segmentation
 from .tree import SegmentTree
+from .whole import n_units
 
 if TYPE_CHECKING:
     from ..scene.repair import Component
@@ -67,16 +68,19 @@ class SceneSegmentation(Segmentation):
 def leaves_of_pieces(surfaces: Sequence[Surface], count: int) -> list[int]:
     """Give `count` segments out to pieces, at least one each, to keep the largest one small.
 
-    A piece never gets more segments than it has faces.
+    A piece never gets more segments than it has polygons.
     """
     counts = [1] * len(surfaces)
+    most: dict[int, int] = {}
     room = [(-surface.area, k) for k, surface in enumerate(surfaces) if surface.n_faces > 1]
     heapq.heapify(room)
-    for _ in range(count - len(surfaces)):
-        if not room:
-            break
+    left = count - len(surfaces)
+    while left > 0 and room:
         _, k = heapq.heappop(room)
-        counts[k] += 1
-        if counts[k] < surfaces[k].n_faces:
+        if k not in most:
+            most[k] = n_units(surfaces[k], count)
+        if counts[k] < most[k]:
+            counts[k] += 1
+            left -= 1
             heapq.heappush(room, (-surfaces[k].area / counts[k], k))
     return counts

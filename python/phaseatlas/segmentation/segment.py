@@ -17,11 +17,25 @@ from ..functionals import indicator
 from ..optimise import AreaConstraint, Solver, Status
 from ..scene.scene import Scene
 from ..surface import Surface
+from ..transfer import Transfer
+from ..working import working_surface
+from .back import carried_back, with_whole_polygons
 from .bisect import bisect
-from .node import Diagnostics, Node, Progress, Report, Split, StoppedError
+from .halfway import halfway
+from .node import (
+    CollapsedError,
+    Diagnostics,
+    DisconnectedError,
+    Node,
+    Progress,
+    Report,
+    Split,
+    StoppedError,
+)
 from .options import Initial, Law, Options, Widths
 from .scene import SceneSegmentation, leaves_of_pieces
 from .tree import MAX_LEVELS, SegmentTree, children, front, outline, paths
+from .whole import n_units
 
 __all__ = ["segment"]
 
@@ -93,9 +107,12 @@ def segment(  # type: ignore[misc]
     ----------
     surface : Surface or Scene
         What to cut. It is scaled to unit area first. The segments of a scene are given out to its
-        pieces by area, at least one each; those of a piece have equal areas.
+        pieces by area, at least one each; those of a piece have equal areas. Coarse surfaces are
+        refined and fine ones simplified for the solve; segments are of whole faces of the surface
+        as it was given.
     levels : int, optional
-        Depth of the binary tree of halves, 2**levels segments; 1 by default.
+        Depth of the binary tree of halves, 2**levels segments, or as many as there are faces; 1 by
+        default.
     shares : sequence of float, optional
         Instead of `levels`: positive numbers in proportion to which the segments get their areas,
         as many segments as numbers, by bisections into unequal parts.
@@ -121,17 +138,18 @@ seed, solver, max_iterations, coarse
     ValueError
         For an argument that cannot be used.
     DisconnectedError
-        Where `connected` was asked for and a segment stays in pieces.
+        Where `connected` was asked for and a segment stays in pieces at the given `epsilon`.
     CollapsedError
-        Where a phase is empty, for want of an area constraint or of faces.
+        Where a phase is empty, for want of an area constraint or of faces at the given `epsilon`.
     StoppedError
         Where `progress` asked for it.
 
     Warns
     -----
     QualityWarning
-        For each node whose solve did not converge, for an epsilon below the mean edge length, and
-        where sharp areas miss their shares by more than 1 %.
+        For each node whose solve did not converge, or failed so that it was split half way between
+        its ends, for an epsilon below the mean edge length, for fewer segments than were asked
+        for, and where sharp areas miss their shares by more than 1 %.
     """
     options = Options(
         epsilon=epsilon,
@@ -161,6 +179,9 @@ seed, solver, max_iterations, coarse
     _check_levels(levels)
     surfaces = [piece.surface for piece in surface.pieces]
     counts = leaves_of_pieces(surfaces, 2 ** (1 if levels is None else levels))
+    asked = max(2 ** (1 if levels is None else levels), len(surfaces))
+    if sum(counts) < asked:
+        quality.warn(f"levels: {sum(counts)} segments instead of {asked}, one for each face")
     trees = [
         _tree(piece, [1.0] * count, options, initial, executor, progress) if count > 1 else None
         for piece, count in zip(surfaces, counts, strict=True)
@@ -177,6 +198,26 @@ def _tree(
     progress: Report | None,
 ) -> SegmentTree:
     """Cut a surface into segments whose areas are in proportion to `parts`."""
+    steps = working_surface(surface, len(parts), options.epsilon, simplify=options.coarse)
+    if steps:
+        initial = _forward(steps, surface, initial)
+        found = _solved(steps[-1].target, parts, options, initial, executor, progress)
+        tree = carried_back(found, steps, options)
+    else:
+        tree = with_whole_polygons(_solved(surface, parts, options, initial, executor, progress))
+    _warn(tree, options)
+    return tree
+
+
+def _solved(
+    surface: Surface,
+    parts: Sequence[float],
+    options: Options,
+    initial: Initial | ArrayLike,
+    executor: Executor | None,
+    progress: Report | None,
+) -> SegmentTree:
+    """Cut a surface itself."""
     widths = options.widths(surface)
     length = float(np.sqrt(surface.area))
     if widths.epsilon * length < surface.mean_edge_length:
@@ -217,9 +258,21 @@ def _tree(
     number = np.zeros(len(nodes), dtype=np.int64)
     leaves = front(nodes, len(nodes))
     number[leaves] = np.arange(len(leaves))
-    tree = SegmentTree(surface, widths.epsilon * length, widths.delta, tuple(nodes), number[owner])
-    _warn(tree, options)
-    return tree
+    return SegmentTree(surface, widths.epsilon * length, widths.delta, tuple(nodes), number[owner])
+
+
+def _forward(
+    steps: Sequence[Transfer], surface: Surface, initial: Initial | ArrayLike
+) -> Initial | ArrayLike:
+    """Fields to start from, on the working surface."""
+    if isinstance(initial, str):
+        return initial
+    fields = np.asarray(initial, dtype=np.float64)
+    if fields.ndim not in (1, 2) or fields.shape[-1] != surface.n_vertices:
+        raise ValueError(f"initial: shape {fields.shape} must end in {surface.n_vertices}")
+    for step in steps:
+        fields = (step.forward @ fields.T).T
+    return fields
 
 
 def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None) -> Sequence[float]:
@@ -248,10 +301,13 @@ def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None)
             )
         return parts.tolist()  # type: ignore[no-any-return]
     _check_levels(levels)
-    levels = 1 if levels is None else int(levels)
-    if 2**levels > surface.n_faces:
-        raise ValueError(f"levels: {levels} asks for more segments than {surface.n_faces} faces")
-    return [1.0] * 2**levels
+    count = 2 ** (1 if levels is None else int(levels))
+    most = n_units(surface, count)
+    if most == 1:
+        raise ValueError("levels: a single face cannot be cut")
+    if most < count:
+        quality.warn(f"levels: {most} segments instead of {count}, one for each face")
+    return [1.0] * min(count, most)
 
 
 def _check_levels(levels: int | None) -> None:
@@ -283,8 +339,8 @@ def _run(
     # Set here too: limits that overlapping threads set and reset would undo one another.
     with threadpool_limits(1, user_api="blas"):
         if executor is None:
-            return [bisect(node, options, widths, progress) for node in nodes]
-        futures = [executor.submit(bisect, node, options, widths) for node in nodes]
+            return [_bisect(node, options, widths, progress) for node in nodes]
+        futures = [executor.submit(_bisect, node, options, widths) for node in nodes]
         splits = []
         try:
             for node, future in zip(nodes, futures, strict=True):
@@ -299,6 +355,18 @@ def _run(
         return splits
 
 
+def _bisect(node: Node, options: Options, widths: Widths, progress: Report | None = None) -> Split:
+    """Split a node by a phase field; by default half way between its ends where that fails."""
+    try:
+        return bisect(node, options, widths, progress)
+    except (CollapsedError, DisconnectedError) as error:
+        by_default = options.connected and options.epsilon is None and options.area == "lagrangian"
+        found = halfway(node, options, widths, str(error)) if by_default else None
+        if found is None:
+            raise
+        return found
+
+
 def _end(node: Node, split: Split, widths: Widths) -> Progress:
     done = split.diagnostics
     return Progress(node.level + 1, node.index, widths.epsilon, done.iterations, done.energy)
@@ -307,7 +375,12 @@ def _end(node: Node, split: Split, widths: Widths) -> Progress:
 def _warn(tree: SegmentTree, options: Options) -> None:
     """Say what makes the tree worse than asked for."""
     for d in tree.diagnostics:
-        if not d.converged:
+        if d.fallback:
+            quality.warn(
+                f"level {d.level + 1}, node {d.node}: split half way between its ends, for the "
+                f"phase field failed: {d.fallback}"
+            )
+        elif not d.converged:
             quality.warn(_unconverged(d))
     if options.area != "lagrangian":
         return

@@ -61,6 +61,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<partition::Partition>()?;
     module.add_class::<screened::Screened>()?;
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
+    module.add_function(wrap_pyfunction!(graph::share_out, module)?)?;
     module.add_class::<flatten::CutChart>()?;
     module.add_class::<flatten::ScaledMap>()?;
     module.add_function(wrap_pyfunction!(flatten::cut_chart, module)?)?;

@@ -6,10 +6,12 @@ mod dual;
 mod network;
 mod radix_heap;
 mod regions;
+mod sharing;
 mod shortest_paths;
 
 pub use components::{Components, label_components};
 pub(crate) use dual::{ContractedDual, DualWeights};
 pub(crate) use network::{Network, Tree};
 pub(crate) use regions::Regions;
+pub use sharing::{Coverage, Units, share_out};
 pub(crate) use shortest_paths::AllPairs;

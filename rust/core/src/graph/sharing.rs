@@ -1,0 +1,680 @@
+//! Whole units of a surface, faces or polygons, shared out among the leaves of a binary tree.
+//!
+//! Each node of the tree splits its units in two connected parts. Shares as even as whole units
+//! allow come first, then short seams, then agreement with the segments that were found on finer
+//! triangles. Few units are tried in every way; more of them are moved across the seam one by one,
+//! with all that hangs on them, until no move and no pair of moves helps.
+
+use std::collections::HashMap;
+
+/// Shares that are met to this part count as met, so that seams are free to be short.
+const MET: f64 = 0.002;
+/// Up to so many units every way to split them is tried.
+const EXHAUSTIVE: usize = 14;
+/// Pairs of moves are tried on seams of up to so many units.
+const PAIRED: usize = 64;
+/// Passes over the units at a seam; a few dozen are enough.
+const PASSES: usize = 400;
+/// What counts as better, relative to what there is: sums in another order round differently.
+const BETTER: f64 = 1e-9;
+
+/// Units and what their common borders cost as seams, in compressed rows.
+#[derive(Debug, Clone, Copy)]
+pub struct Units<'a> {
+    /// Where the neighbours of each unit start, and one more.
+    pub starts: &'a [i64],
+    /// Neighbours of each unit.
+    pub neighbours: &'a [i64],
+    /// Cost of a seam between a unit and each neighbour.
+    pub costs: &'a [f64],
+    /// Area of each unit.
+    pub areas: &'a [f64],
+}
+
+/// Areas of the units that the leaves cover, in compressed rows.
+#[derive(Debug, Clone, Copy)]
+pub struct Coverage<'a> {
+    /// Where the entries of each unit start, and one more.
+    pub starts: &'a [i64],
+    /// Leaf of each entry.
+    pub leaves: &'a [i64],
+    /// Covered area of each entry.
+    pub areas: &'a [f64],
+}
+
+impl Units<'_> {
+    fn around(&self, u: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let row = self.starts[u] as usize..self.starts[u + 1] as usize;
+        row.map(|k| (self.neighbours[k] as usize, self.costs[k]))
+    }
+}
+
+impl Coverage<'_> {
+    /// Area of a unit that the leaves of a run cover.
+    fn of(&self, u: usize, run: Run) -> f64 {
+        (self.starts[u] as usize..self.starts[u + 1] as usize)
+            .filter(|&k| (run.start..run.end).contains(&(self.leaves[k] as usize)))
+            .map(|k| self.areas[k])
+            .sum()
+    }
+}
+
+/// A run of leaves: those of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Run {
+    start: usize,
+    end: usize,
+}
+
+impl Run {
+    fn len(self) -> usize {
+        self.end - self.start
+    }
+}
+
+/// How good a split is, what counts most first; less is better.
+#[derive(Debug, Clone, Copy, Default)]
+struct Merit {
+    missing: f64,
+    uneven: f64,
+    seam: f64,
+    strange: f64,
+}
+
+impl Merit {
+    fn plus(self, other: Self) -> Self {
+        Self {
+            missing: self.missing + other.missing,
+            uneven: self.uneven + other.uneven,
+            seam: self.seam + other.seam,
+            strange: self.strange + other.strange,
+        }
+    }
+
+    fn better_than(self, other: Self) -> bool {
+        let pairs = [
+            (self.missing, other.missing),
+            (self.uneven, other.uneven),
+            (self.seam, other.seam),
+            (self.strange, other.strange),
+        ];
+        for (mine, theirs) in pairs {
+            let margin = BETTER * (mine.abs() + theirs.abs());
+            if (mine - theirs).abs() > margin {
+                return mine < theirs;
+            }
+        }
+        false
+    }
+}
+
+/// Square of the part of a share by which an area misses it.
+fn missed(area: f64, share: f64) -> f64 {
+    let off = ((area / share - 1.0).abs() - MET).max(0.0);
+    off * off
+}
+
+/// Leaf of every unit.
+///
+/// The units connect. `shares` are the areas that the leaves are to have, and `splits` the runs of
+/// leaves that the nodes of the tree cut: first leaf, first leaf of the second child, and one past
+/// the last leaf, parents before children. There are at least as many units as leaves. Every node
+/// gets connected units, and at least as many as it has leaves.
+#[must_use]
+pub fn share_out(
+    units: &Units<'_>,
+    coverage: &Coverage<'_>,
+    shares: &[f64],
+    splits: &[[usize; 3]],
+) -> Vec<u32> {
+    let n = units.areas.len();
+    let middles: HashMap<Run, usize> = splits
+        .iter()
+        .map(|&[start, middle, end]| (Run { start, end }, middle))
+        .collect();
+    let mut leaf = vec![0; n];
+    let mut work = vec![(
+        (0..n).collect::<Vec<_>>(),
+        Run {
+            start: 0,
+            end: shares.len(),
+        },
+    )];
+    let mut search = Search::new(units, n);
+    while let Some((members, run)) = work.pop() {
+        let Some(&middle) = middles.get(&run) else {
+            for &u in &members {
+                leaf[u] = run.start as u32;
+            }
+            continue;
+        };
+        if members.len() <= EXHAUSTIVE {
+            let mut all = Exhaustive::new(units, coverage, shares, &middles, &members);
+            all.assign((1 << members.len()) - 1, run, &mut leaf);
+            continue;
+        }
+        let first = Run {
+            start: run.start,
+            end: middle,
+        };
+        let second = Run {
+            start: middle,
+            end: run.end,
+        };
+        let scores: Vec<f64> = members
+            .iter()
+            .map(|&u| coverage.of(u, first) - coverage.of(u, second))
+            .collect();
+        let sum = |run: Run| shares[run.start..run.end].iter().sum::<f64>();
+        let share = sum(first) / (sum(first) + sum(second));
+        search.split(&members, &scores, share, [first.len(), second.len()]);
+        let (positive, negative) = members.iter().partition(|&&u| search.side[u] == FIRST);
+        for &u in &members {
+            search.side[u] = OUTSIDE;
+        }
+        work.push((positive, first));
+        work.push((negative, second));
+    }
+    leaf
+}
+
+/// All ways to share few units out, by their sets of bits.
+struct Exhaustive<'a> {
+    members: &'a [usize],
+    middles: &'a HashMap<Run, usize>,
+    shares: &'a [f64],
+    around: Vec<u32>,
+    costs: Vec<Vec<f64>>,
+    areas: Vec<f64>,
+    covered: Vec<Vec<f64>>,
+    connected: HashMap<u32, bool>,
+    best: HashMap<(u32, Run), (Merit, u32)>,
+}
+
+impl<'a> Exhaustive<'a> {
+    fn new(
+        units: &Units<'_>,
+        coverage: &Coverage<'_>,
+        shares: &'a [f64],
+        middles: &'a HashMap<Run, usize>,
+        members: &'a [usize],
+    ) -> Self {
+        let place: HashMap<usize, usize> =
+            members.iter().enumerate().map(|(k, &u)| (u, k)).collect();
+        let n = members.len();
+        let mut around = vec![0; n];
+        let mut costs = vec![vec![0.0; n]; n];
+        for (k, &u) in members.iter().enumerate() {
+            for (v, cost) in units.around(u) {
+                if let Some(&other) = place.get(&v) {
+                    around[k] |= 1 << other;
+                    costs[k][other] += cost;
+                }
+            }
+        }
+        Self {
+            members,
+            middles,
+            shares,
+            around,
+            costs,
+            areas: members.iter().map(|&u| units.areas[u]).collect(),
+            covered: members
+                .iter()
+                .map(|&u| {
+                    let mut row = vec![0.0; shares.len()];
+                    for k in coverage.starts[u] as usize..coverage.starts[u + 1] as usize {
+                        row[coverage.leaves[k] as usize] += coverage.areas[k];
+                    }
+                    row
+                })
+                .collect(),
+            connected: HashMap::new(),
+            best: HashMap::new(),
+        }
+    }
+
+    fn connects(&mut self, set: u32) -> bool {
+        if let Some(&known) = self.connected.get(&set) {
+            return known;
+        }
+        let mut seen = set & set.wrapping_neg();
+        let mut fresh = seen;
+        while fresh != 0 {
+            let k = fresh.trailing_zeros() as usize;
+            fresh &= fresh - 1;
+            let found = self.around[k] & set & !seen;
+            seen |= found;
+            fresh |= found;
+        }
+        self.connected.insert(set, seen == set);
+        seen == set
+    }
+
+    fn seam(&self, first: u32, second: u32) -> f64 {
+        bits(first)
+            .map(|k| {
+                bits(second & self.around[k])
+                    .map(|other| self.costs[k][other])
+                    .sum::<f64>()
+            })
+            .sum()
+    }
+
+    /// The least merit of a set for a run, and its part for the first child.
+    fn solve(&mut self, set: u32, run: Run) -> (Merit, u32) {
+        let Some(&middle) = self.middles.get(&run) else {
+            let area = bits(set).map(|k| self.areas[k]).sum();
+            let covered: f64 = bits(set).map(|k| self.covered[k][run.start]).sum();
+            let merit = Merit {
+                uneven: missed(area, self.shares[run.start]),
+                strange: -covered,
+                ..Merit::default()
+            };
+            return (merit, set);
+        };
+        if let Some(&known) = self.best.get(&(set, run)) {
+            return known;
+        }
+        let first_run = Run {
+            start: run.start,
+            end: middle,
+        };
+        let second_run = Run {
+            start: middle,
+            end: run.end,
+        };
+        let mut best: Option<(Merit, u32)> = None;
+        let mut first = set;
+        while first != 0 {
+            let second = set & !first;
+            if first.count_ones() as usize >= first_run.len()
+                && second.count_ones() as usize >= second_run.len()
+                && self.connects(first)
+                && self.connects(second)
+            {
+                let here = Merit {
+                    seam: self.seam(first, second),
+                    ..Merit::default()
+                };
+                let merit = here
+                    .plus(self.solve(first, first_run).0)
+                    .plus(self.solve(second, second_run).0);
+                if best.is_none_or(|(least, _)| merit.better_than(least)) {
+                    best = Some((merit, first));
+                }
+            }
+            first = (first - 1) & set;
+        }
+        // A connected set of enough units always has such a split: cut a spanning tree.
+        let found = best.unwrap_or((Merit::default(), set));
+        self.best.insert((set, run), found);
+        found
+    }
+
+    fn assign(&mut self, set: u32, run: Run, leaf: &mut [u32]) {
+        let Some(&middle) = self.middles.get(&run) else {
+            for k in bits(set) {
+                leaf[self.members[k]] = run.start as u32;
+            }
+            return;
+        };
+        let (_, first) = self.solve(set, run);
+        self.assign(
+            first,
+            Run {
+                start: run.start,
+                end: middle,
+            },
+            leaf,
+        );
+        self.assign(
+            set & !first,
+            Run {
+                start: middle,
+                end: run.end,
+            },
+            leaf,
+        );
+    }
+}
+
+fn bits(set: u32) -> impl Iterator<Item = usize> {
+    (0..u32::BITS as usize).filter(move |&k| set >> k & 1 == 1)
+}
+
+const OUTSIDE: u8 = 2;
+const FIRST: u8 = 0;
+const SECOND: u8 = 1;
+
+/// Moves across the seam between two connected sides, and the buffers of their searches.
+struct Search<'a> {
+    units: &'a Units<'a>,
+    side: Vec<u8>,
+    /// Covered area of each member by the first child less that by the second.
+    score: Vec<f64>,
+    /// Search and seed by which a unit was reached.
+    stamp: Vec<u32>,
+    seed: Vec<u32>,
+    search: u32,
+}
+
+/// Where the sides stand: area of the first, units of both, length of the seam.
+#[derive(Debug, Clone, Copy)]
+struct Standing {
+    area: f64,
+    counts: [usize; 2],
+    seam: f64,
+    strange: f64,
+}
+
+/// What the two sides of a node are to have.
+struct Wanted {
+    area: f64,
+    total: f64,
+    counts: [usize; 2],
+}
+
+impl Wanted {
+    fn merit(&self, standing: Standing) -> Merit {
+        let short = |side: usize| self.counts[side].saturating_sub(standing.counts[side]) as f64;
+        Merit {
+            missing: short(0) + short(1),
+            uneven: missed(standing.area, self.area)
+                + missed(self.total - standing.area, self.total - self.area),
+            seam: standing.seam,
+            strange: standing.strange,
+        }
+    }
+}
+
+impl<'a> Search<'a> {
+    fn new(units: &'a Units<'a>, n: usize) -> Self {
+        Self {
+            units,
+            side: vec![OUTSIDE; n],
+            score: vec![0.0; n],
+            stamp: vec![0; n],
+            seed: vec![0; n],
+            search: 0,
+        }
+    }
+
+    /// Sets the sides of the members, which connect.
+    fn split(&mut self, members: &[usize], scores: &[f64], share: f64, counts: [usize; 2]) {
+        for (&u, &score) in members.iter().zip(scores) {
+            self.side[u] = if score >= 0.0 { FIRST } else { SECOND };
+            self.score[u] = score;
+        }
+        self.connect(members, SECOND);
+        self.connect(members, FIRST);
+        self.fill_empty(members);
+        let total: f64 = members.iter().map(|&u| self.units.areas[u]).sum();
+        let wanted = Wanted {
+            area: share * total,
+            total,
+            counts,
+        };
+        let mut standing = self.standing(members);
+        for _ in 0..PASSES {
+            let seam = self.at_seam(members);
+            let mut moved = false;
+            for &u in &seam {
+                moved |= self.try_move(u, &wanted, &mut standing);
+            }
+            if !moved && seam.len() <= PAIRED {
+                moved = self.try_pairs(members, &seam, &wanted, &mut standing);
+            }
+            if !moved {
+                break;
+            }
+        }
+    }
+
+    fn standing(&self, members: &[usize]) -> Standing {
+        let mut standing = Standing {
+            area: 0.0,
+            counts: [0, 0],
+            seam: 0.0,
+            strange: 0.0,
+        };
+        for &u in members {
+            let side = self.side[u];
+            standing.counts[side as usize] += 1;
+            if side == FIRST {
+                standing.area += self.units.areas[u];
+                standing.strange -= self.score[u];
+            }
+            for (v, cost) in self.units.around(u) {
+                if v > u && self.side[v] != OUTSIDE && self.side[v] != side {
+                    standing.seam += cost;
+                }
+            }
+        }
+        standing
+    }
+
+    /// Leaves one component to the other side than `kept`: the largest.
+    fn connect(&mut self, members: &[usize], kept: u8) {
+        let side = SECOND - kept;
+        let mut largest: (f64, Vec<usize>) = (0.0, Vec::new());
+        self.search += 1;
+        for &u in members {
+            if self.side[u] != side || self.stamp[u] == self.search {
+                continue;
+            }
+            self.stamp[u] = self.search;
+            let mut part = vec![u];
+            let mut next = 0;
+            while next < part.len() {
+                for (v, _) in self.units.around(part[next]) {
+                    if self.side[v] == side && self.stamp[v] != self.search {
+                        self.stamp[v] = self.search;
+                        part.push(v);
+                    }
+                }
+                next += 1;
+            }
+            let area = part.iter().map(|&u| self.units.areas[u]).sum();
+            if area > largest.0 || largest.1.is_empty() {
+                largest = (area, part);
+            }
+        }
+        for &u in members {
+            if self.side[u] == side {
+                self.side[u] = kept;
+            }
+        }
+        for u in largest.1 {
+            self.side[u] = side;
+        }
+    }
+
+    /// Gives an empty side the last unit of a search, without which the others connect.
+    fn fill_empty(&mut self, members: &[usize]) {
+        let full = self.side[members[0]];
+        if members.iter().any(|&u| self.side[u] != full) {
+            return;
+        }
+        self.search += 1;
+        let mut reached = vec![members[0]];
+        self.stamp[members[0]] = self.search;
+        let mut next = 0;
+        while next < reached.len() {
+            for (v, _) in self.units.around(reached[next]) {
+                if self.side[v] == full && self.stamp[v] != self.search {
+                    self.stamp[v] = self.search;
+                    reached.push(v);
+                }
+            }
+            next += 1;
+        }
+        self.side[reached[reached.len() - 1]] = SECOND - full;
+    }
+
+    /// Units beside the other side, those first whose move shortens the seam most.
+    fn at_seam(&self, members: &[usize]) -> Vec<usize> {
+        let mut found: Vec<(f64, usize)> = members
+            .iter()
+            .filter_map(|&u| {
+                let (mut longer, mut beside) = (0.0, false);
+                for (v, cost) in self.units.around(u) {
+                    if self.side[v] == self.side[u] {
+                        longer += cost;
+                    } else if self.side[v] != OUTSIDE {
+                        longer -= cost;
+                        beside = true;
+                    }
+                }
+                beside.then_some((longer, u))
+            })
+            .collect();
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        found.into_iter().map(|(_, u)| u).collect()
+    }
+
+    /// A unit and what hangs on it: what its side would lose the connection to without it.
+    ///
+    /// None where the unit is its whole side, or no longer beside the other one.
+    fn hanging(&mut self, u: usize) -> Option<Vec<usize>> {
+        let side = self.side[u];
+        let other = SECOND - side;
+        if !self.units.around(u).any(|(v, _)| self.side[v] == other) {
+            return None;
+        }
+        self.search += 1;
+        self.stamp[u] = self.search;
+        let mut queues: Vec<Vec<usize>> = Vec::new();
+        for (v, _) in self.units.around(u) {
+            if self.side[v] == side && self.stamp[v] != self.search {
+                self.stamp[v] = self.search;
+                self.seed[v] = queues.len() as u32;
+                queues.push(vec![v]);
+            }
+        }
+        if queues.is_empty() {
+            return None;
+        }
+        let n = queues.len();
+        let mut group: Vec<usize> = (0..n).collect();
+        let mut next = vec![0; n];
+        loop {
+            let root = group[0];
+            if group.iter().all(|&g| g == root) {
+                return Some(vec![u]);
+            }
+            // All searches take a step in turn: what it costs is the size of what hangs.
+            let mut growing: Vec<usize> = (0..n).filter(|&k| next[k] < queues[k].len()).collect();
+            growing = growing.iter().map(|&k| group[k]).collect();
+            growing.sort_unstable();
+            growing.dedup();
+            if growing.len() <= 1 {
+                let rest = growing.first().copied().unwrap_or_else(|| {
+                    let size = |g: usize| -> usize {
+                        (0..n)
+                            .filter(|&k| group[k] == g)
+                            .map(|k| queues[k].len())
+                            .sum()
+                    };
+                    group
+                        .iter()
+                        .copied()
+                        .max_by_key(|&g| (size(g), g))
+                        .unwrap_or(0)
+                });
+                let mut set = vec![u];
+                for k in (0..n).filter(|&k| group[k] != rest) {
+                    set.extend(&queues[k]);
+                }
+                return Some(set);
+            }
+            for k in 0..n {
+                let Some(&here) = queues[k].get(next[k]) else {
+                    continue;
+                };
+                next[k] += 1;
+                for (v, _) in self.units.around(here) {
+                    if self.side[v] != side {
+                        continue;
+                    }
+                    if self.stamp[v] != self.search {
+                        self.stamp[v] = self.search;
+                        self.seed[v] = k as u32;
+                        queues[k].push(v);
+                    } else if v != u {
+                        let (mine, theirs) = (group[k], group[self.seed[v] as usize]);
+                        if mine != theirs {
+                            group
+                                .iter_mut()
+                                .filter(|g| **g == theirs)
+                                .for_each(|g| *g = mine);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Turns a set over and returns where the sides stand then.
+    fn turn(&mut self, set: &[usize], mut standing: Standing) -> Standing {
+        for &u in set {
+            let side = self.side[u];
+            let sign = if side == FIRST { -1.0 } else { 1.0 };
+            standing.area += sign * self.units.areas[u];
+            standing.strange -= sign * self.score[u];
+            standing.counts[side as usize] -= 1;
+            standing.counts[(SECOND - side) as usize] += 1;
+            for (v, cost) in self.units.around(u) {
+                if self.side[v] == side {
+                    standing.seam += cost;
+                } else if self.side[v] != OUTSIDE {
+                    standing.seam -= cost;
+                }
+            }
+            self.side[u] = SECOND - side;
+        }
+        standing
+    }
+
+    fn try_move(&mut self, u: usize, wanted: &Wanted, standing: &mut Standing) -> bool {
+        let Some(set) = self.hanging(u) else {
+            return false;
+        };
+        let then = self.turn(&set, *standing);
+        if wanted.merit(then).better_than(wanted.merit(*standing)) {
+            *standing = then;
+            return true;
+        }
+        self.turn(&set, then);
+        false
+    }
+
+    /// A move and then another one, which together help.
+    fn try_pairs(
+        &mut self,
+        members: &[usize],
+        seam: &[usize],
+        wanted: &Wanted,
+        standing: &mut Standing,
+    ) -> bool {
+        for &u in seam {
+            let Some(set) = self.hanging(u) else {
+                continue;
+            };
+            let between = self.turn(&set, *standing);
+            for v in self.at_seam(members) {
+                let Some(second) = self.hanging(v) else {
+                    continue;
+                };
+                let then = self.turn(&second, between);
+                if wanted.merit(then).better_than(wanted.merit(*standing)) {
+                    *standing = then;
+                    return true;
+                }
+                self.turn(&second, then);
+            }
+            self.turn(&set, between);
+        }
+        false
+    }
+}
