@@ -61,19 +61,48 @@ TETRAHEDRON = (
 
 
 def bad_meshes():
+    """Meshes that hold no surface, with what is said of them."""
+    vertices, faces = TETRAHEDRON
+    return {
+        "nan": ([[0, 0, "nan"], *vertices[1:]], faces, r"vert.*0.* finite"),
+        "no area": (
+            vertices,
+            [[0, 0, 1], [1, 2, 1]],
+            r"no face has an area|faces\[0\]: degenerate",
+        ),
+        "points": (vertices, [], "no faces"),
+    }
+
+
+def rough_meshes():
+    """Meshes that are no clean surface, with what a strict reader says, and a defect's sentence."""
     vertices, faces = TETRAHEDRON
     shifted = [[x + 5, y, z] for x, y, z in vertices]
     return {
-        "nan": ([[0, 0, "nan"], *vertices[1:]], faces, r"vertices\[0\]"),
         "non-manifold": (
             [*vertices, [1, 1, 1]],
             [*faces, [0, 1, 4]],
             r"edge \(0, 1\)",
+            "1 edge of more than two faces was opened.",
         ),
-        "flipped": (vertices, [*faces[:3], [1, 3, 2]], "orientation"),
-        "degenerate": (vertices, [*faces, [1, 1, 2]], r"faces\[4\]: degenerate"),
-        "two": (vertices + shifted, faces + [[v + 4 for v in f] for f in faces], "2 components"),
-        "points": (vertices, [], "no faces"),
+        "flipped": (
+            vertices,
+            [*faces[:3], [1, 3, 2]],
+            "orientation",
+            "1 face was turned over to agree with its neighbours.",
+        ),
+        "degenerate": (
+            vertices,
+            [*faces, [1, 1, 2]],
+            r"faces\[4\]: degenerate",
+            "1 triangle has no area and was set aside.",
+        ),
+        "two": (
+            vertices + shifted,
+            faces + [[v + 4 for v in f] for f in faces],
+            "2 components",
+            "Repaired, it has 8 triangles in 2 components with 0 boundary loops.",
+        ),
     }
 
 
@@ -84,6 +113,48 @@ def test_bad_meshes_give_one_line_and_no_file(tmp_path, kind, command):
     mesh = tmp_path / "bad.obj"
     write_obj(mesh, vertices, faces)
     check_refused(tmp_path, mesh, command, culprit)
+
+
+@pytest.mark.parametrize("kind", sorted(rough_meshes()))
+def test_rough_meshes_are_described_and_mapped_but_not_remeshed(tmp_path, kind):
+    vertices, faces, culprit, sentence = rough_meshes()[kind]
+    mesh = tmp_path / "rough.obj"
+    write_obj(mesh, vertices, faces)
+    check_refused(tmp_path, mesh, "remesh", culprit)
+    check_refused(tmp_path, mesh, "segment", culprit)
+    result = run("info", mesh)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert sentence in result.stdout.splitlines()
+    result = run("atlas", mesh, "-o", tmp_path / "out.obj")
+    assert result.returncode == 0, result.stderr
+    lines = (tmp_path / "out.obj").read_text().splitlines()
+    assert sum(line.startswith("f ") for line in lines) == len(faces)
+
+
+def test_info_as_json(tmp_path):
+    """Two objects: a square of one quad with colours, and a pentagon with a copy of itself."""
+    lines = [f"v {x} {y} 0 1 0 0" for x, y in [(0, 0), (2, 0), (2, 2), (0, 2)]]
+    lines += ["vt 0 0", "mtllib none.mtl", "o square", "usemtl red", "f 1/1 2/1 3/1 4/1"]
+    lines += [f"v {x} {y} 0 1 0 0" for x, y in [(5, 0), (6, 0), (6, 1), (5.5, 2), (5, 1)]]
+    lines += ["o house", "f 5 6 7 8 9", "f 5 6 7 8 9", "v 9 9 9 1 0 0"]
+    (tmp_path / "two.obj").write_text("\n".join(lines) + "\n")
+    result = run("info", "two.obj", "--json", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    found = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert found["file"] == "two.obj"
+    assert (found["components"], found["faces"], found["boundary_loops"]) == (2, 5, 2)
+    assert found["polygons"] == {"4": 1, "5": 2}
+    assert found["area"] == pytest.approx(4 + 1.5)
+    assert found["extent"] == [6, 2, 0]
+    assert found["materials"] == ["red"]
+    defects = {name: count for name, count in found["defects"].items() if count}
+    assert defects == {"isolated_vertices": 1, "duplicate_faces": 3}
+    square, house = found["meshes"]
+    assert (square["name"], square["area"], square["uv_sets"]) == ("square", 4, 1)
+    assert (square["vertex_colours"], square["instances"], square["genus"]) == (True, 1, 0)
+    assert square["transforms"] == [np.eye(4).tolist()]
+    # A material holds until the next.
+    assert (house["materials"], house["faces"]) == (["red"], 3)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb"])

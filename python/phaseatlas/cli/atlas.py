@@ -68,7 +68,7 @@ def atlas(
     from ..atlas.bake import check_resolution
     from ..atlas.packing import check_packing
     from ..scene.document import read_document
-    from ..scene.scene import scene_of
+    from ..scene.scene import scene_in
 
     check_resolution(resolution)
     check_packing(padding, resolution)
@@ -83,7 +83,7 @@ def atlas(
         ways |= {"solver": solver, "initial": initial}
     _check_options(levels, ways)
     document = read_document(mesh)
-    scene = scene_of(document.meshes, weld=weld)
+    scene = scene_in(document, weld=weld)
     from ..atlas import build_atlas
 
     segmentation = (

@@ -22,6 +22,7 @@ __all__ = [
     "Formulation",
     "Initial",
     "Levels",
+    "Json",
     "MaxCharts",
     "MaxDistortion",
     "Mesh",
@@ -45,6 +46,7 @@ Strict = Annotated[
     bool, typer.Option("--strict", help="Write the output, but exit with code 3 after warnings.")
 ]
 
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 # Of the segmentation.
 Levels = Annotated[int, typer.Option(help="Depth of the binary tree: 2^levels segments.")]
 Connected = Annotated[

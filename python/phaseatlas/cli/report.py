@@ -13,10 +13,20 @@ from .process import say
 if TYPE_CHECKING:
     from ..atlas import Atlas
     from ..partitioning import Phase
+    from ..scene.mesh import Mesh
+    from ..scene.scene import Scene
     from ..segmentation import Progress, Segmentation, SegmentTree
     from ..surface import Surface
 
-__all__ = ["phases", "progress", "say_metrics", "say_segmentation", "say_surface", "say_tree"]
+__all__ = [
+    "phases",
+    "progress",
+    "say_meshes",
+    "say_metrics",
+    "say_segmentation",
+    "say_surface",
+    "say_tree",
+]
 
 # What is drawn of a state: how much is done of how much, and words; without a total the bar pulses.
 _Drawn = tuple[int, int | None, str]
@@ -90,6 +100,25 @@ def say_surface(surface: Surface) -> None:
             "worst face quality": f"{surface.face_quality.min():.3g} (1 = equilateral)",
             "default epsilon": f"{2 * surface.mean_edge_length:.6g}",
         }
+    )
+
+
+def say_meshes(meshes: Sequence[Mesh], scene: Scene) -> None:
+    """Print a line for each mesh of a file: what it carries beside its surface."""
+    _say_table(
+        ("mesh", "faces", "components", "UV sets", "colours", "instances", "materials"),
+        [
+            (
+                " ".join(mesh.name.split()) or f"{number}",
+                f"{placed.repaired.report.faces}",
+                f"{placed.repaired.report.components}",
+                f"{mesh.uv_sets}",
+                "yes" if mesh.vertex_colours else "no",
+                f"{len(mesh.transforms)}",
+                " ".join(", ".join(mesh.materials).split()) or "none",
+            )
+            for number, (mesh, placed) in enumerate(zip(meshes, scene.meshes, strict=True))
+        ],
     )
 
 

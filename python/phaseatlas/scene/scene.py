@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Floats, Ints
 from ..surface import Surface
-from .document import read_document
+from .document import Document, read_document
 from .mesh import Mesh
 from .repair import Component, Repaired, components, repair
 
-__all__ = ["Scene", "SceneMesh", "load_scene", "polygons_of", "scene_of"]
+__all__ = ["Scene", "SceneMesh", "load_scene", "polygons_of", "scene_in", "scene_of"]
 
 # What a seam along a diagonal of a polygon costs for its length: more than any way around, whose
 # length is a few thousand times that of an edge at most.
@@ -156,13 +156,21 @@ def load_scene(path: str | PathLike[str], *, weld: float = 0.0) -> Scene:
     FileNotFoundError, IsADirectoryError
         For a missing file and for a folder.
     """
+    return scene_in(read_document(path), weld=weld)
+
+
+def scene_in(document: Document, *, weld: float = 0.0) -> Scene:
+    """Put all meshes of a file into one scene.
+
+    Raises
+    ------
+    ValueError
+        Where no face has an area; the message starts with the file's name.
+    """
     try:
-        return scene_of(read_document(path).meshes, weld=weld)
+        return scene_of(document.meshes, weld=weld)
     except ValueError as error:
-        message = str(error)
-        raise ValueError(
-            message if message.startswith(str(path)) else f"{path}: {message}"
-        ) from error
+        raise ValueError(f"{document.path}: {error}") from error
 
 
 def scene_of(meshes: Sequence[Mesh], *, weld: float = 0.0) -> Scene:
