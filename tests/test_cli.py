@@ -487,6 +487,14 @@ def test_atlas_of_charts_by_energy(model):
     assert "charts 2, " in result.stdout or "max_charts" in result.stderr
 
 
+def test_atlas_of_a_cut_mesh(model):
+    result = run("atlas", model, "-o", model.parent / "a.obj", "--cut", "--effort", "fast")
+    assert (result.returncode, result.stderr) == (0, "")
+    line = r"cut: the mesh is a new one, (\d+) triangles before and (\d+) after\n"
+    before, after = map(int, re.search(line, result.stdout).groups())
+    assert before == pa.load(model).n_faces < after == pa.load(model.parent / "a.obj").n_faces
+
+
 def test_distortion_of_an_atlas(model):
     """Its default is that of the library for both ways to charts."""
     for levels in ([], ["--levels", 1]):

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import typer
 
 from . import options
 from .output import check_output
 from .process import UsageError, say
-from .report import phases, say_metrics, say_segmentation
+from .report import phases, say_cut, say_metrics, say_segmentation
 from .segment import segmented
 
 if TYPE_CHECKING:
     from ..arrays import Bytes
     from ..partitioning import Partition
+    from ..scene.scene import Scene
     from ..segmentation import SceneSegmentation
     from ..surface import Surface
 
@@ -43,6 +44,7 @@ def atlas(
     seed: options.Seed = 0,
     flatten: options.Flatten = None,
     weld: options.Weld = 0.0,
+    cut: options.Cut = False,
     uv_set: options.UvSet = None,
     texture: options.Texture = None,
     resolution: options.Resolution = 1024,
@@ -83,19 +85,34 @@ def atlas(
         ways |= {"solver": solver, "initial": initial}
     _check_options(levels, ways)
     document = read_document(mesh)
-    scene = scene_in(document, weld=weld)
+    scene = scene_in(document, weld=weld, whole=not cut)
+    before = scene
     from ..atlas import build_atlas
 
     segmentation = (
         partitioned(scene, **ways) if levels is None else segmented(scene, levels, **ways)
     )
+    if cut:
+        from ..scene.cut import cut_document
+
+        document, scene, segmentation = cut_document(document, scene, segmentation)
     method = flatten or ("bff" if levels is not None else "isometric")
     charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
     image = None if texture is None else charts.bake(picture, resolution=resolution)
     for note in document.save(output, scene.corners(charts.uv), image=image, uv_set=uv_set):
         say(f"note: {note}")
+    if cut:
+        say_cut(before, scene)
     say_segmentation(segmentation)
     say_metrics(charts)
+
+
+@overload
+def partitioned(surface: Scene, **options: Any) -> SceneSegmentation: ...
+
+
+@overload
+def partitioned(surface: Surface, **options: Any) -> Partition: ...
 
 
 def partitioned(surface: Surface, **options: Any) -> Partition | SceneSegmentation:

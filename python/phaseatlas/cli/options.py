@@ -12,6 +12,7 @@ __all__ = [
     "AtlasDistortion",
     "AtlasLevels",
     "Connected",
+    "Cut",
     "Distortion",
     "EdgeLength",
     "Effort",
@@ -21,8 +22,8 @@ __all__ = [
     "Folder",
     "Formulation",
     "Initial",
-    "Levels",
     "Json",
+    "Levels",
     "MaxCharts",
     "MaxDistortion",
     "Mesh",
@@ -45,8 +46,8 @@ Folder = Annotated[
 Strict = Annotated[
     bool, typer.Option("--strict", help="Write the output, but exit with code 3 after warnings.")
 ]
-
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+
 # Of the segmentation.
 Levels = Annotated[int, typer.Option(help="Depth of the binary tree: 2^levels segments.")]
 Connected = Annotated[
@@ -116,6 +117,12 @@ Flatten = Annotated[
     typer.Option(
         help="Chart map: least stretch, boundary-first, or least-squares conformal.",
         show_default="isometric; with --levels bff",
+    ),
+]
+Cut = Annotated[
+    bool,
+    typer.Option(
+        "--cut", help="Cut triangles along straightened seams: the mesh written is a new one."
     ),
 ]
 Texture = Annotated[

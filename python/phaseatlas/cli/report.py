@@ -188,6 +188,16 @@ def _say_pieces(segmentation: Segmentation, parts: Sequence[Segmentation]) -> No
     )
 
 
+def say_cut(before: Scene, after: Scene) -> None:
+    """Print that the mesh is a new one, and what of the old one it has no more."""
+    gone = sum(mesh.repaired.report.degenerate_faces for mesh in before.meshes)
+    left_out = f"; {gone} without area are left out" if gone else ""
+    say(
+        f"cut: the mesh is a new one, {before.n_faces} triangles before and {after.n_faces} after"
+        f"{left_out}"
+    )
+
+
 def say_metrics(atlas: Atlas) -> None:
     """Print the figures of an atlas in one line."""
     say(", ".join(f"{name} {value:.4g}" for name, value in atlas.metrics().items()))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 
-__all__ = ["Contents", "Corners", "Image", "Material", "Mesh"]
+__all__ = ["Contents", "Corners", "Cut", "Image", "Material", "Mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,32 @@ class Corners:
     uvs: tuple[Floats, ...] = ()
     normals: Floats | None = None
     colours: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A mesh cut into new triangles, and where their corners lie in the old one.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The new triangles, in the order of the polygons that they are parts of.
+    corners : (c, 3) array of int
+        Corners of the old mesh that each new corner lies between.
+    weights : (c, 3) array
+        Its barycentric coordinates there.
+    """
+
+    mesh: Mesh
+    corners: Ints
+    weights: Floats
+
+    def interpolate(self, values: Floats) -> Floats:
+        """Values at the new corners from those at the old ones, (c, d)."""
+        # What has no weight may be NaN.
+        parts = np.where(self.weights[..., None] > 0, values[self.corners], 0.0)
+        found: Floats = np.einsum("kcd,kc->kd", parts, self.weights)
+        return found
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,7 @@ class ObjSource:
     vertices: Ints
     materials: tuple[Material, ...]
     libraries: dict[str, Library | None]
+    kinds: tuple[str, ...] = (".obj",)
 
     @property
     def named(self) -> tuple[Path, ...]:

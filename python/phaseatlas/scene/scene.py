@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 
 import numpy as np
@@ -159,8 +159,16 @@ def load_scene(path: str | PathLike[str], *, weld: float = 0.0) -> Scene:
     return scene_in(read_document(path), weld=weld)
 
 
-def scene_in(document: Document, *, weld: float = 0.0) -> Scene:
+def scene_in(document: Document, *, weld: float = 0.0, whole: bool = True) -> Scene:
     """Put all meshes of a file into one scene.
+
+    Parameters
+    ----------
+    document : Document
+    weld : float, default 0
+        As in `load_scene`.
+    whole : bool, default True
+        Whether seams keep off the diagonals of polygons.
 
     Raises
     ------
@@ -168,16 +176,21 @@ def scene_in(document: Document, *, weld: float = 0.0) -> Scene:
         Where no face has an area; the message starts with the file's name.
     """
     try:
-        return scene_of(document.meshes, weld=weld)
+        return scene_of(document.meshes, weld=weld, whole=whole)
     except ValueError as error:
         raise ValueError(f"{document.path}: {error}") from error
 
 
-def scene_of(meshes: Sequence[Mesh], *, weld: float = 0.0) -> Scene:
+def scene_of(meshes: Sequence[Mesh], *, weld: float = 0.0, whole: bool = True) -> Scene:
     """Repair meshes and put them into one scene."""
-    return Scene(
-        [(mesh.name, repair(_placed(mesh), mesh.corners, mesh.sizes, weld=weld)) for mesh in meshes]
-    )
+    repaired = [
+        (mesh.name, repair(_placed(mesh), mesh.corners, mesh.sizes, weld=weld)) for mesh in meshes
+    ]
+    if not whole:
+        repaired = [
+            (name, replace(each, inner=np.zeros_like(each.inner))) for name, each in repaired
+        ]
+    return Scene(repaired)
 
 
 def polygons_of(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Ints, Ints]:
