@@ -212,6 +212,10 @@ def check_refused(folder, mesh, command, culprit):
         ("atlas model.obj -o a.glb --max-charts 0", "max_charts: value must be at least 1"),
         ("atlas model.obj -o a.glb --max-distortion 0", "max_distortion: value must be"),
         ("atlas model.obj -o a.glb --distortion 0", "distortion: value must be a positive number"),
+        (
+            "atlas model.obj -o a.glb --rebake --texture checker",
+            "--rebake: value must not be given",
+        ),
         ("demo model.obj", "folder: model.obj must be a folder"),
     ],
 )
@@ -493,6 +497,23 @@ def test_atlas_of_a_cut_mesh(model):
     line = r"cut: the mesh is a new one, (\d+) triangles before and (\d+) after\n"
     before, after = map(int, re.search(line, result.stdout).groups())
     assert before == pa.load(model).n_faces < after == pa.load(model.parent / "a.obj").n_faces
+
+
+def test_textures_of_a_file_go_with_it(model):
+    """The colour of a material becomes a picture, and a texture that is missing is named."""
+    folder = model.parent
+    text = model.read_text()
+    model.write_text("mtllib model.mtl\nusemtl red\n" + text)
+    (folder / "model.mtl").write_text("newmtl red\nKd 1 0 0.2\nmap_Kd none.png\n")
+    options = ["--effort", "fast", "--resolution", 64, "--rebake"]
+    for more in ([], ["--cut"]):
+        result = run("atlas", model, "-o", folder / "a.obj", *options, *more)
+        assert (result.returncode, result.stderr) == (0, "")
+        line = "note: the texture none.png is missing and was not baked"
+        assert line in result.stdout.splitlines()
+        picture = np.asarray(Image.open(folder / "a.png"))
+        assert picture.shape == (64, 64, 3)
+        assert (picture == [255, 0, 51]).all()
 
 
 def test_distortion_of_an_atlas(model):

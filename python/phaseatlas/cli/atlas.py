@@ -47,6 +47,7 @@ def atlas(
     cut: options.Cut = False,
     uv_set: options.UvSet = None,
     texture: options.Texture = None,
+    rebake: options.Rebake = False,
     resolution: options.Resolution = 1024,
     padding: options.Padding = 4,
     levels: options.AtlasLevels = None,
@@ -65,6 +66,8 @@ def atlas(
     --connected, --law, --area, --epsilon, --solver and --initial belong.
     """
     _check_ways(context, levels)
+    if rebake and texture is not None:
+        raise UsageError("--rebake: value must not be given with --texture")
     given = texture if texture is not None and texture != _CHECKER else None
     check_output(output, [mesh] if given is None else [mesh, given], *_SUFFIXES)
     from ..atlas.bake import check_resolution
@@ -99,7 +102,14 @@ def atlas(
     method = flatten or ("bff" if levels is not None else "isometric")
     charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
     image = None if texture is None else charts.bake(picture, resolution=resolution)
-    for note in document.save(output, scene.corners(charts.uv), image=image, uv_set=uv_set):
+    corners = scene.corners(charts.uv)
+    baked = None
+    if rebake:
+        from ..scene.rebake import rebake as baked_anew
+
+        baked = baked_anew(document, scene, corners, resolution=resolution)
+    notes = document.save(output, corners, image=image, uv_set=uv_set, baked=baked)
+    for note in (*notes, *(baked.notes if baked else ())):
         say(f"note: {note}")
     if cut:
         say_cut(before, scene)

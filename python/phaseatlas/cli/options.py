@@ -28,6 +28,7 @@ __all__ = [
     "MaxDistortion",
     "Mesh",
     "Padding",
+    "Rebake",
     "Resolution",
     "Seed",
     "Solver",
@@ -130,6 +131,12 @@ Texture = Annotated[
     typer.Option(
         help="Image repeated over the charts and blended, or the word checker.",
         show_default="no texture",
+    ),
+]
+Rebake = Annotated[
+    bool,
+    typer.Option(
+        "--rebake", help="Bake the file's own textures and colours into pictures of the atlas."
     ),
 ]
 Padding = Annotated[int, typer.Option(help="Least distance between charts in texels.", min=0)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from .convert_gltf import as_gltf
 from .convert_obj import as_obj
 from .gltf_files import gltf_files
 from .gltf_meshes import materials_of, meshes_of, triangles_of
+from .looks import Baked
 from .mesh import Contents, Corners, Material, Mesh
 from .obj_document import read_obj_source
 from .off import read_off
@@ -64,6 +65,7 @@ class Document:
         *,
         image: Bytes | None = None,
         uv_set: int | None = None,
+        baked: Baked | None = None,
     ) -> Contents:
         """Return the file with new texture coordinates.
 
@@ -83,6 +85,9 @@ class Document:
         uv_set : int, optional
             In a glTF file, the set to write; the others stay. By default the new coordinates are
             set 0, and the old sets and the textures that use them move up by one.
+        baked : Baked, optional
+            What `scene.rebake` made of the textures for these coordinates, instead of an image. A
+            file that was no glTF file, or becomes none, has a base colour alone.
 
         Returns
         -------
@@ -111,11 +116,16 @@ class Document:
                 raise ValueError(f"uvs[{k}]: shape {uv.shape} must be ({len(mesh.corners)}, 2)")
             if not np.isfinite(uv).all():
                 raise ValueError(f"uvs[{k}]: coordinates must be finite")
+        if baked is not None:
+            image = baked.images["base"]
         if kind in self.source.kinds:
             if kind not in (".glb", ".gltf"):
                 _only_set(uv_set, 0)
-            return self.source.rewrite(path, given, image, uv_set)
+            return self.source.rewrite(path, given, image, uv_set, baked)
         carried = [self.corners(k) for k in range(len(self.meshes))]
+        if baked is not None:
+            # They are in the picture.
+            carried = [replace(extra, colours=None) for extra in carried]
         if kind == ".ply":
             _only_set(uv_set, 0)
             return as_ply(path, self.meshes, carried, given, image)
@@ -153,9 +163,10 @@ class Document:
         *,
         image: Bytes | None = None,
         uv_set: int | None = None,
+        baked: Baked | None = None,
     ) -> tuple[str, ...]:
         """Write what `with_uv` returns, whole or not at all, and return its notes."""
-        contents = self.with_uv(path, uvs, image=image, uv_set=uv_set)
+        contents = self.with_uv(path, uvs, image=image, uv_set=uv_set, baked=baked)
         for file in contents.files:
             if file.parent != Path(path).parent:
                 file.parent.mkdir(parents=True, exist_ok=True)

@@ -18,6 +18,7 @@ from ..arrays import Bytes, Floats, Ints
 from .accessors import Gltf, Json, Rows, resource, rows
 from .gltf_meshes import Triangles, uv_names
 from .gltf_slots import NewAccessor, NewView, settle
+from .looks import SLOTS, Baked
 from .mesh import Cut
 from .picture import kind_of, png
 from .polygons import split_corners, split_vertices
@@ -34,6 +35,7 @@ def with_uv(
     uv_set: int | None = None,
     embed: bool = False,
     cuts: Sequence[Cut] | None = None,
+    baked: Baked | None = None,
 ) -> tuple[Json, bytes]:
     """Write texture coordinates of the corners into a document.
 
@@ -59,6 +61,9 @@ def with_uv(
     cuts : sequence of Cut, optional
         New triangles of each mesh, whose corners `uvs` are at. Attributes are interpolated; joints
         and their weights are those of the nearest vertex.
+    baked : Baked, optional
+        Pictures in place of the textures of the materials, and of the colours of vertices, which
+        become the attribute `_COLOR_0`. Tangents of the old coordinates go with their normal maps.
 
     Returns
     -------
@@ -88,8 +93,12 @@ def with_uv(
                 points = part.corners[cut.corners[mine] - start], cut.weights[mine]
                 _write_cut(gltf, primitive, *points, single[mine], at)
             start = end
+    if baked is not None:
+        image = baked.images["base"]
     if image is not None:
         _paint(document, groups, png(image), at)
+    if baked is not None:
+        _replace_textures(document, groups, baked, at)
     if embed:
         _embed(gltf, document)
     return settle(gltf, document)
@@ -299,6 +308,38 @@ def _paint(
             opacity = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])[3]
             pbr["baseColorFactor"] = [1.0, 1.0, 1.0, opacity]
             pbr["baseColorTexture"] = dict(reference)
+
+
+def _replace_textures(
+    document: Json, groups: tuple[tuple[Triangles, ...], ...], baked: Baked, uv_set: int
+) -> None:
+    """Make pictures the other textures of the materials, and drop what went into them."""
+    for slot, image in baked.images.items():
+        if slot == "base":
+            continue
+        document["images"].append(
+            {"name": f"atlas_{slot}", "mimeType": "image/png", "bufferView": NewView(png(image))}
+        )
+        document["textures"].append({"source": len(document["images"]) - 1})
+        for number in baked.materials[slot]:
+            holder = document["materials"][number]
+            *path, key = SLOTS[slot]
+            for step in path:
+                holder = holder[step]
+            reference = holder[key]
+            reference |= {"index": len(document["textures"]) - 1, "texCoord": uv_set}
+            reference.get("extensions", {}).pop("KHR_texture_transform", None)
+            if not reference.get("extensions", True):
+                del reference["extensions"]
+            if slot == "normal":
+                reference.pop("scale", None)
+    for part in (part for group in groups for part in group):
+        primitive = document["meshes"][part.mesh]["primitives"][part.primitive]
+        for holder in (primitive["attributes"], *primitive.get("targets", [])):
+            if "COLOR_0" in holder:
+                holder["_COLOR_0"] = holder.pop("COLOR_0")
+            if primitive["material"] in baked.materials.get("normal", ()):
+                holder.pop("TANGENT", None)
 
 
 def _plain(materials: list[Json]) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 
-__all__ = ["Contents", "Corners", "Cut", "Image", "Material", "Mesh"]
+__all__ = ["Contents", "Corners", "Cut", "Image", "Material", "Mesh", "Placement"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +61,14 @@ class Corners:
         NaN at corners without.
     colours : (c, 4) array, optional
         Red, green, blue and opacity in [0, 1].
+    tangents : (c, 4) array, optional
+        Direction of u of the first set, and the sign of the binormal; NaN at corners without.
     """
 
     uvs: tuple[Floats, ...] = ()
     normals: Floats | None = None
     colours: Floats | None = None
+    tangents: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +106,15 @@ class Image:
 
 
 @dataclass(frozen=True)
+class Placement:
+    """How an OBJ material lays its texture: scale and offset of u and v, and what is outside."""
+
+    offset: tuple[float, float] = (0.0, 0.0)
+    scale: tuple[float, float] = (1.0, 1.0)
+    clamp: bool = False
+
+
+@dataclass(frozen=True)
 class Material:
     """What formats have in common of a material; the texture is None where it is missing."""
 
@@ -112,6 +124,8 @@ class Material:
     uv_set: int = 0
     metallic: float = 0.0
     roughness: float = 1.0
+    missing: str = ""
+    placement: Placement = Placement()
 
 
 @dataclass(frozen=True)

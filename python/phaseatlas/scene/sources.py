@@ -16,6 +16,7 @@ from .accessors import Gltf
 from .gltf_edit import with_uv
 from .gltf_files import gltf_files
 from .gltf_meshes import Triangles, corners_of
+from .looks import Baked
 from .mesh import Contents, Corners, Cut, Material, Mesh
 from .obj_document import free_stem
 from .picture import png
@@ -40,7 +41,12 @@ class Source(Protocol):
     def materials(self) -> tuple[Material, ...]: ...
     def corners(self, index: int) -> Corners: ...
     def rewrite(
-        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+        self,
+        path: Path,
+        uvs: list[Floats],
+        image: Bytes | None,
+        uv_set: int | None,
+        baked: Baked | None = None,
     ) -> Contents: ...
 
 
@@ -75,12 +81,20 @@ class GltfSource:
         uvs: list[Floats],
         image: Bytes | None,
         uv_set: int | None,
+        baked: Baked | None = None,
         cuts: Sequence[Cut] | None = None,
     ) -> Contents:
         """Return the document with new texture coordinates; a GLB takes its images in."""
         embed = path.suffix.lower() == ".glb"
         document, buffer = with_uv(
-            self.gltf, self.groups, uvs, image=image, uv_set=uv_set, embed=embed, cuts=cuts
+            self.gltf,
+            self.groups,
+            uvs,
+            image=image,
+            uv_set=uv_set,
+            embed=embed,
+            cuts=cuts,
+            baked=baked,
         )
         return gltf_files(path, document, buffer, self.folder, embedded=self.gltf.embedded)
 
@@ -112,7 +126,12 @@ class LooseSource:
         return self.carried[index]
 
     def rewrite(
-        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+        self,
+        path: Path,
+        uvs: list[Floats],
+        image: Bytes | None,
+        uv_set: int | None,
+        baked: Baked | None = None,
     ) -> Contents:
         """Return a PLY file with all properties that were read."""
         if self.elements is None:
@@ -167,12 +186,17 @@ class CutSource:
         )
 
     def rewrite(
-        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+        self,
+        path: Path,
+        uvs: list[Floats],
+        image: Bytes | None,
+        uv_set: int | None,
+        baked: Baked | None = None,
     ) -> Contents:
         """Return a glTF document with the new meshes."""
         if not isinstance(self.source, GltfSource):
             raise ValueError(f"path: {path} must be written as another format")
-        return self.source.rewrite(path, uvs, image, uv_set, self.cuts)
+        return self.source.rewrite(path, uvs, image, uv_set, baked, self.cuts)
 
 
 def as_ply(
