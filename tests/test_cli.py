@@ -1,6 +1,7 @@
 """The command line: exit codes, one line for each failure, and what it takes to start."""
 
 import dataclasses
+import hashlib
 import inspect
 import json
 import os
@@ -121,7 +122,6 @@ def test_rough_meshes_are_described_and_mapped_but_not_remeshed(tmp_path, kind):
     mesh = tmp_path / "rough.obj"
     write_obj(mesh, vertices, faces)
     check_refused(tmp_path, mesh, "remesh", culprit)
-    check_refused(tmp_path, mesh, "segment", culprit)
     result = run("info", mesh)
     assert (result.returncode, result.stderr) == (0, "")
     assert sentence in result.stdout.splitlines()
@@ -476,6 +476,29 @@ def test_segment_and_atlas(model):
     assert result.returncode == 0, result.stderr
     assert "flips 0" in result.stdout
     assert (folder / "a.glb").stat().st_size > 0
+
+
+def test_segments_of_several_pieces(tmp_path):
+    """Of two spheres, the larger with a second copy of a face; all faces have a label."""
+    sphere = pa.datasets.icosphere(2)
+    vertices = np.concatenate([sphere.vertices, 2 * sphere.vertices + [5, 0, 0]])
+    faces = np.concatenate([sphere.faces, sphere.faces + sphere.n_vertices])
+    faces = np.concatenate([faces, faces[-1:]])
+    write_obj(tmp_path / "two.obj", vertices, faces)
+    options = ["--levels", 2, "--seed", 1]
+    result = run("segment", "two.obj", "-o", "a.npz", *options, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "pieces 2, segments 4" in result.stdout
+    found = segmentation.SceneSegmentation.load(tmp_path / "a.npz")
+    expected = pa.segment(pa.load_scene(tmp_path / "two.obj"), 2, seed=1)
+    assert np.array_equal(found.labels, expected.labels)
+    digest = hashlib.sha256((tmp_path / "two.obj").read_bytes()).hexdigest()
+    assert (found.surface.file.path, found.surface.file.sha256) == ("two.obj", digest)
+    result = run("segment", "two.obj", "-o", "a.ply", *options, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    shown = trimesh.load(tmp_path / "a.ply", process=False)
+    labels = shown.metadata["_ply_raw"]["face"]["data"]["label"].reshape(-1)
+    assert np.array_equal(labels, expected.labels)
 
 
 def test_atlas_of_charts_by_energy(model):

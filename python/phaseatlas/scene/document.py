@@ -231,6 +231,9 @@ def read_document(path: str | PathLike[str]) -> Document:
         raise FileNotFoundError(f"{path}: no such file")
     if path.is_dir():
         raise IsADirectoryError(f"{path}: a folder, not a file")
+    with path.open("rb") as file:
+        if not file.read(1):
+            raise ValueError(f"{path}: empty file")
     try:
         source = _read(path)
     except (KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
