@@ -1,6 +1,7 @@
 """The command line: exit codes, one line for each failure, and what it takes to start."""
 
 import dataclasses
+import hashlib
 import inspect
 import json
 import os
@@ -61,19 +62,48 @@ TETRAHEDRON = (
 
 
 def bad_meshes():
+    """Meshes that hold no surface, with what is said of them."""
+    vertices, faces = TETRAHEDRON
+    return {
+        "nan": ([[0, 0, "nan"], *vertices[1:]], faces, r"vert.*0.* finite"),
+        "no area": (
+            vertices,
+            [[0, 0, 1], [1, 2, 1]],
+            r"no face has an area|faces\[0\]: degenerate",
+        ),
+        "points": (vertices, [], "no faces"),
+    }
+
+
+def rough_meshes():
+    """Meshes that are no clean surface, with what a strict reader says, and a defect's sentence."""
     vertices, faces = TETRAHEDRON
     shifted = [[x + 5, y, z] for x, y, z in vertices]
     return {
-        "nan": ([[0, 0, "nan"], *vertices[1:]], faces, r"vertices\[0\]"),
         "non-manifold": (
             [*vertices, [1, 1, 1]],
             [*faces, [0, 1, 4]],
             r"edge \(0, 1\)",
+            "1 edge of more than two faces was opened.",
         ),
-        "flipped": (vertices, [*faces[:3], [1, 3, 2]], "orientation"),
-        "degenerate": (vertices, [*faces, [1, 1, 2]], r"faces\[4\]: degenerate"),
-        "two": (vertices + shifted, faces + [[v + 4 for v in f] for f in faces], "2 components"),
-        "points": (vertices, [], "no faces"),
+        "flipped": (
+            vertices,
+            [*faces[:3], [1, 3, 2]],
+            "orientation",
+            "1 face was turned over to agree with its neighbours.",
+        ),
+        "degenerate": (
+            vertices,
+            [*faces, [1, 1, 2]],
+            r"faces\[4\]: degenerate",
+            "1 triangle has no area and was set aside.",
+        ),
+        "two": (
+            vertices + shifted,
+            faces + [[v + 4 for v in f] for f in faces],
+            "2 components",
+            "Repaired, it has 8 triangles in 2 components with 0 boundary loops.",
+        ),
     }
 
 
@@ -84,6 +114,47 @@ def test_bad_meshes_give_one_line_and_no_file(tmp_path, kind, command):
     mesh = tmp_path / "bad.obj"
     write_obj(mesh, vertices, faces)
     check_refused(tmp_path, mesh, command, culprit)
+
+
+@pytest.mark.parametrize("kind", sorted(rough_meshes()))
+def test_rough_meshes_are_described_and_mapped_but_not_remeshed(tmp_path, kind):
+    vertices, faces, culprit, sentence = rough_meshes()[kind]
+    mesh = tmp_path / "rough.obj"
+    write_obj(mesh, vertices, faces)
+    check_refused(tmp_path, mesh, "remesh", culprit)
+    result = run("info", mesh)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert sentence in result.stdout.splitlines()
+    result = run("atlas", mesh, "-o", tmp_path / "out.obj")
+    assert result.returncode == 0, result.stderr
+    lines = (tmp_path / "out.obj").read_text().splitlines()
+    assert sum(line.startswith("f ") for line in lines) == len(faces)
+
+
+def test_info_as_json(tmp_path):
+    """Two objects: a square of one quad with colours, and a pentagon with a copy of itself."""
+    lines = [f"v {x} {y} 0 1 0 0" for x, y in [(0, 0), (2, 0), (2, 2), (0, 2)]]
+    lines += ["vt 0 0", "mtllib none.mtl", "o square", "usemtl red", "f 1/1 2/1 3/1 4/1"]
+    lines += [f"v {x} {y} 0 1 0 0" for x, y in [(5, 0), (6, 0), (6, 1), (5.5, 2), (5, 1)]]
+    lines += ["o house", "f 5 6 7 8 9", "f 5 6 7 8 9", "v 9 9 9 1 0 0"]
+    (tmp_path / "two.obj").write_text("\n".join(lines) + "\n")
+    result = run("info", "two.obj", "--json", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    found = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert found["file"] == "two.obj"
+    assert (found["components"], found["faces"], found["boundary_loops"]) == (2, 5, 2)
+    assert found["polygons"] == {"4": 1, "5": 2}
+    assert found["area"] == pytest.approx(4 + 1.5)
+    assert found["extent"] == [6, 2, 0]
+    assert found["materials"] == ["red"]
+    defects = {name: count for name, count in found["defects"].items() if count}
+    assert defects == {"isolated_vertices": 1, "duplicate_faces": 3}
+    square, house = found["meshes"]
+    assert (square["name"], square["area"], square["uv_sets"]) == ("square", 4, 1)
+    assert (square["vertex_colours"], square["instances"], square["genus"]) == (True, 1, 0)
+    assert square["transforms"] == [np.eye(4).tolist()]
+    # A material holds until the next.
+    assert (house["materials"], house["faces"]) == (["red"], 3)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb"])
@@ -141,6 +212,10 @@ def check_refused(folder, mesh, command, culprit):
         ("atlas model.obj -o a.glb --max-charts 0", "max_charts: value must be at least 1"),
         ("atlas model.obj -o a.glb --max-distortion 0", "max_distortion: value must be"),
         ("atlas model.obj -o a.glb --distortion 0", "distortion: value must be a positive number"),
+        (
+            "atlas model.obj -o a.glb --rebake --texture checker",
+            "--rebake: value must not be given",
+        ),
         ("demo model.obj", "folder: model.obj must be a folder"),
     ],
 )
@@ -403,6 +478,29 @@ def test_segment_and_atlas(model):
     assert (folder / "a.glb").stat().st_size > 0
 
 
+def test_segments_of_several_pieces(tmp_path):
+    """Of two spheres, the larger with a second copy of a face; all faces have a label."""
+    sphere = pa.datasets.icosphere(2)
+    vertices = np.concatenate([sphere.vertices, 2 * sphere.vertices + [5, 0, 0]])
+    faces = np.concatenate([sphere.faces, sphere.faces + sphere.n_vertices])
+    faces = np.concatenate([faces, faces[-1:]])
+    write_obj(tmp_path / "two.obj", vertices, faces)
+    options = ["--levels", 2, "--seed", 1]
+    result = run("segment", "two.obj", "-o", "a.npz", *options, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "pieces 2, segments 4" in result.stdout
+    found = segmentation.SceneSegmentation.load(tmp_path / "a.npz")
+    expected = pa.segment(pa.load_scene(tmp_path / "two.obj"), 2, seed=1)
+    assert np.array_equal(found.labels, expected.labels)
+    digest = hashlib.sha256((tmp_path / "two.obj").read_bytes()).hexdigest()
+    assert (found.surface.file.path, found.surface.file.sha256) == ("two.obj", digest)
+    result = run("segment", "two.obj", "-o", "a.ply", *options, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    shown = trimesh.load(tmp_path / "a.ply", process=False)
+    labels = shown.metadata["_ply_raw"]["face"]["data"]["label"].reshape(-1)
+    assert np.array_equal(labels, expected.labels)
+
+
 def test_atlas_of_charts_by_energy(model):
     """Without a number of levels; each option does what the library's does."""
     expected = pa.partition(pa.load(model), distortion=300.0, effort="fast", seed=2)
@@ -414,6 +512,31 @@ def test_atlas_of_charts_by_energy(model):
     assert "flips 0, crossing 0, overlap 0" in result.stdout
     result = run("atlas", model, "-o", model.parent / "b.glb", "--max-charts", 2)
     assert "charts 2, " in result.stdout or "max_charts" in result.stderr
+
+
+def test_atlas_of_a_cut_mesh(model):
+    result = run("atlas", model, "-o", model.parent / "a.obj", "--cut", "--effort", "fast")
+    assert (result.returncode, result.stderr) == (0, "")
+    line = r"cut: the mesh is a new one, (\d+) triangles before and (\d+) after\n"
+    before, after = map(int, re.search(line, result.stdout).groups())
+    assert before == pa.load(model).n_faces < after == pa.load(model.parent / "a.obj").n_faces
+
+
+def test_textures_of_a_file_go_with_it(model):
+    """The colour of a material becomes a picture, and a texture that is missing is named."""
+    folder = model.parent
+    text = model.read_text()
+    model.write_text("mtllib model.mtl\nusemtl red\n" + text)
+    (folder / "model.mtl").write_text("newmtl red\nKd 1 0 0.2\nmap_Kd none.png\n")
+    options = ["--effort", "fast", "--resolution", 64, "--rebake"]
+    for more in ([], ["--cut"]):
+        result = run("atlas", model, "-o", folder / "a.obj", *options, *more)
+        assert (result.returncode, result.stderr) == (0, "")
+        line = "note: the texture none.png is missing and was not baked"
+        assert line in result.stdout.splitlines()
+        picture = np.asarray(Image.open(folder / "a.png"))
+        assert picture.shape == (64, 64, 3)
+        assert (picture == [255, 0, 51]).all()
 
 
 def test_distortion_of_an_atlas(model):

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse
 
 from .arrays import Floats, Ints
+from .partitioning import Partition
 from .seams import Seams, pattern, straighten
 from .segmentation import Segmentation
 from .surface import Surface
@@ -44,9 +45,9 @@ def cut_along_seams(
         To the cut surface. Its `forward` has the two vertices of the edge of each new vertex, its
         `origin_face` the face that each face is a part of, and its `corners` interpolate what has
         values at the corners of the source's faces.
-    Segmentation
-        The labels of the cut surface. Weights that were given are interpolated, others are made
-        anew.
+    Segmentation or Partition
+        The labels of the cut surface; of a partition, with its diagnostics of before. Weights that
+        were given are interpolated, others are made anew.
 
     Raises
     ------
@@ -76,10 +77,12 @@ def cut_along_seams(
     if segmentation.weights_given:
         # Means of values up to 1 may round to more.
         weights = np.minimum((forward @ segmentation.weights.T).T, 1.0)
-    return (
-        Transfer(surface, target, forward, backward, origin),
-        Segmentation(target, labels, weights, epsilon=segmentation.epsilon),
+    made = (
+        Partition(target, labels, weights, segmentation.diagnostics, epsilon=segmentation.epsilon)
+        if isinstance(segmentation, Partition)
+        else Segmentation(target, labels, weights, epsilon=segmentation.epsilon)
     )
+    return Transfer(surface, target, forward, backward, origin), made
 
 
 def _pieces(

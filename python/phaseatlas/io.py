@@ -137,7 +137,8 @@ def _unused(faces: Ints, place: Ints) -> tuple[Ints, Ints]:
 def save_ply(tree: SegmentTree | Segmentation, path: str | PathLike[str]) -> None:
     """Write the surface with its weights (per vertex) and labels (per face) as a binary PLY.
 
-    The vertex properties are weight_0, weight_1, ...; the face property is label.
+    The vertex properties are weight_0, weight_1, ...; the face property is label. Of a scene, which
+    may have thousands of pieces, the labels alone are written.
 
     Parameters
     ----------
@@ -146,7 +147,11 @@ def save_ply(tree: SegmentTree | Segmentation, path: str | PathLike[str]) -> Non
     path : str or PathLike
         The file; written whole or not at all.
     """
-    weights = {f"weight_{leaf}": weight for leaf, weight in enumerate(tree.weights)}
+    from .segmentation import SceneSegmentation
+
+    weights = {}
+    if not isinstance(tree, SceneSegmentation):
+        weights = {f"weight_{leaf}": weight for leaf, weight in enumerate(tree.weights)}
     surface = tree.surface
     write_bytes(path, ply(surface.vertices, surface.faces, weights, tree.labels))
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import typer
 
 from . import options
 from .output import check_output
 from .process import UsageError, say
-from .report import phases, say_metrics, say_segmentation
+from .report import phases, say_cut, say_metrics, say_segmentation
 from .segment import segmented
 
 if TYPE_CHECKING:
     from ..arrays import Bytes
     from ..partitioning import Partition
+    from ..scene.scene import Scene
     from ..segmentation import SceneSegmentation
     from ..surface import Surface
 
@@ -43,8 +44,10 @@ def atlas(
     seed: options.Seed = 0,
     flatten: options.Flatten = None,
     weld: options.Weld = 0.0,
+    cut: options.Cut = False,
     uv_set: options.UvSet = None,
     texture: options.Texture = None,
+    rebake: options.Rebake = False,
     resolution: options.Resolution = 1024,
     padding: options.Padding = 4,
     levels: options.AtlasLevels = None,
@@ -63,12 +66,14 @@ def atlas(
     --connected, --law, --area, --epsilon, --solver and --initial belong.
     """
     _check_ways(context, levels)
+    if rebake and texture is not None:
+        raise UsageError("--rebake: value must not be given with --texture")
     given = texture if texture is not None and texture != _CHECKER else None
     check_output(output, [mesh] if given is None else [mesh, given], *_SUFFIXES)
     from ..atlas.bake import check_resolution
     from ..atlas.packing import check_packing
     from ..scene.document import read_document
-    from ..scene.scene import scene_of
+    from ..scene.scene import scene_in
 
     check_resolution(resolution)
     check_packing(padding, resolution)
@@ -83,19 +88,41 @@ def atlas(
         ways |= {"solver": solver, "initial": initial}
     _check_options(levels, ways)
     document = read_document(mesh)
-    scene = scene_of(document.meshes, weld=weld)
+    scene = scene_in(document, weld=weld, whole=not cut)
+    before = scene
     from ..atlas import build_atlas
 
     segmentation = (
         partitioned(scene, **ways) if levels is None else segmented(scene, levels, **ways)
     )
+    if cut:
+        from ..scene.cut import cut_document
+
+        document, scene, segmentation = cut_document(document, scene, segmentation)
     method = flatten or ("bff" if levels is not None else "isometric")
     charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
     image = None if texture is None else charts.bake(picture, resolution=resolution)
-    for note in document.save(output, scene.corners(charts.uv), image=image, uv_set=uv_set):
+    corners = scene.corners(charts.uv)
+    baked = None
+    if rebake:
+        from ..scene.rebake import rebake as baked_anew
+
+        baked = baked_anew(document, scene, corners, resolution=resolution)
+    notes = document.save(output, corners, image=image, uv_set=uv_set, baked=baked)
+    for note in (*notes, *(baked.notes if baked else ())):
         say(f"note: {note}")
+    if cut:
+        say_cut(before, scene)
     say_segmentation(segmentation)
     say_metrics(charts)
+
+
+@overload
+def partitioned(surface: Scene, **options: Any) -> SceneSegmentation: ...
+
+
+@overload
+def partitioned(surface: Surface, **options: Any) -> Partition: ...
 
 
 def partitioned(surface: Surface, **options: Any) -> Partition | SceneSegmentation:

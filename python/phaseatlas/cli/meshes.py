@@ -9,7 +9,8 @@ import typer
 
 from . import options
 from .output import check_output
-from .report import say_surface
+from .process import say
+from .report import say_meshes, say_surface
 
 __all__ = ["info", "remesh"]
 
@@ -33,8 +34,22 @@ def remesh(
     say_surface(surface)
 
 
-def info(mesh: options.Mesh) -> None:
-    """Print what a mesh is: size, topology, area, edge lengths, quality."""
-    from ..io import load
+def info(mesh: options.Mesh, as_json: options.Json = False) -> None:
+    """Print what a file of meshes holds: size, topology, defects, materials, textures, instances.
 
-    say_surface(load(mesh))
+    Any file will do: what is no manifold is repaired first, and what that took is said.
+    """
+    from ..scene.describe import describe, summed
+    from ..scene.document import read_document
+    from ..scene.scene import scene_in
+
+    document = read_document(mesh)
+    scene = scene_in(document)
+    if as_json:
+        import json
+
+        say(json.dumps(describe(document, scene), allow_nan=False))
+        return
+    say_surface(scene)
+    say_meshes(document.meshes, scene)
+    say(*summed([placed.repaired.report for placed in scene.meshes]).sentences())

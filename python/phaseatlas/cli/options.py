@@ -12,6 +12,7 @@ __all__ = [
     "AtlasDistortion",
     "AtlasLevels",
     "Connected",
+    "Cut",
     "Distortion",
     "EdgeLength",
     "Effort",
@@ -21,11 +22,13 @@ __all__ = [
     "Folder",
     "Formulation",
     "Initial",
+    "Json",
     "Levels",
     "MaxCharts",
     "MaxDistortion",
     "Mesh",
     "Padding",
+    "Rebake",
     "Resolution",
     "Seed",
     "Solver",
@@ -44,6 +47,7 @@ Folder = Annotated[
 Strict = Annotated[
     bool, typer.Option("--strict", help="Write the output, but exit with code 3 after warnings.")
 ]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 # Of the segmentation.
 Levels = Annotated[int, typer.Option(help="Depth of the binary tree: 2^levels segments.")]
@@ -116,11 +120,23 @@ Flatten = Annotated[
         show_default="isometric; with --levels bff",
     ),
 ]
+Cut = Annotated[
+    bool,
+    typer.Option(
+        "--cut", help="Cut triangles along straightened seams: the mesh written is a new one."
+    ),
+]
 Texture = Annotated[
     Path | None,
     typer.Option(
         help="Image repeated over the charts and blended, or the word checker.",
         show_default="no texture",
+    ),
+]
+Rebake = Annotated[
+    bool,
+    typer.Option(
+        "--rebake", help="Bake the file's own textures and colours into pictures of the atlas."
     ),
 ]
 Padding = Annotated[int, typer.Option(help="Least distance between charts in texels.", min=0)]

@@ -13,10 +13,20 @@ from .process import say
 if TYPE_CHECKING:
     from ..atlas import Atlas
     from ..partitioning import Phase
+    from ..scene.mesh import Mesh
+    from ..scene.scene import Scene
     from ..segmentation import Progress, Segmentation, SegmentTree
     from ..surface import Surface
 
-__all__ = ["phases", "progress", "say_metrics", "say_segmentation", "say_surface", "say_tree"]
+__all__ = [
+    "phases",
+    "progress",
+    "say_meshes",
+    "say_metrics",
+    "say_segmentation",
+    "say_surface",
+    "say_tree",
+]
 
 # What is drawn of a state: how much is done of how much, and words; without a total the bar pulses.
 _Drawn = tuple[int, int | None, str]
@@ -93,6 +103,25 @@ def say_surface(surface: Surface) -> None:
     )
 
 
+def say_meshes(meshes: Sequence[Mesh], scene: Scene) -> None:
+    """Print a line for each mesh of a file: what it carries beside its surface."""
+    _say_table(
+        ("mesh", "faces", "components", "UV sets", "colours", "instances", "materials"),
+        [
+            (
+                " ".join(mesh.name.split()) or f"{number}",
+                f"{placed.repaired.report.faces}",
+                f"{placed.repaired.report.components}",
+                f"{mesh.uv_sets}",
+                "yes" if mesh.vertex_colours else "no",
+                f"{len(mesh.transforms)}",
+                " ".join(", ".join(mesh.materials).split()) or "none",
+            )
+            for number, (mesh, placed) in enumerate(zip(meshes, scene.meshes, strict=True))
+        ],
+    )
+
+
 def say_tree(tree: SegmentTree) -> None:
     """Print the segments of a tree, the length between them and what was repaired."""
     shares = 100 * tree.areas / tree.surface.area
@@ -156,6 +185,16 @@ def _say_pieces(segmentation: Segmentation, parts: Sequence[Segmentation]) -> No
     say(
         f"pieces {len(parts)}, segments {segmentation.n_segments}, shares of the area "
         f"{100 * shares.min():.2g} to {100 * shares.max():.2g} %"
+    )
+
+
+def say_cut(before: Scene, after: Scene) -> None:
+    """Print that the mesh is a new one, and what of the old one it has no more."""
+    gone = sum(mesh.repaired.report.degenerate_faces for mesh in before.meshes)
+    left_out = f"; {gone} without area are left out" if gone else ""
+    say(
+        f"cut: the mesh is a new one, {before.n_faces} triangles before and {after.n_faces} after"
+        f"{left_out}"
     )
 
 

@@ -9,7 +9,7 @@ import typer
 
 from . import options
 from .output import check_output
-from .report import progress, say_tree
+from .report import progress, say_segmentation, say_tree
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -36,10 +36,14 @@ def segment(
     seed: options.Seed = 0,
     strict: options.Strict = False,
 ) -> None:
-    """Segment a mesh into 2^levels connected segments of equal area."""
+    """Segment a mesh into 2^levels connected segments of equal area.
+
+    Those of a file of several pieces are given out to the pieces by area, at least one each.
+    """
     check_output(output, [mesh], ".npz", ".ply")
-    from ..io import load, save_ply
-    from ..segmentation import Options
+    from ..io import save_ply
+    from ..scene.scene import load_scene
+    from ..segmentation import Options, SegmentTree
 
     others: dict[str, Any] = {
         "connected": connected,
@@ -52,12 +56,22 @@ def segment(
         "seed": seed,
     }
     Options(**others)
-    tree = segmented(load(mesh), levels, **others)
+    scene = load_scene(mesh)
+    # A file of one piece has a tree of its own.
+    alone = len(scene.pieces) == 1 and not any(m.repaired.report.aside for m in scene.meshes)
+    segments: SegmentTree | SceneSegmentation = (
+        segmented(scene.pieces[0].surface, levels, **others)
+        if alone
+        else segmented(scene, levels, **others)
+    )
     if output.suffix.lower() == ".npz":
-        tree.save(output)
+        segments.save(output)
     else:
-        save_ply(tree, output)
-    say_tree(tree)
+        save_ply(segments, output)
+    if isinstance(segments, SegmentTree):
+        say_tree(segments)
+    else:
+        say_segmentation(segments)
 
 
 @overload

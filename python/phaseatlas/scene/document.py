@@ -3,50 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Protocol
-from urllib.parse import unquote
 
 import numpy as np
 
 from ..arrays import Bytes, Floats
 from ..files import write_files
-from .accessors import Gltf, read_gltf
+from .accessors import read_gltf
 from .convert_gltf import as_gltf
 from .convert_obj import as_obj
-from .gltf_edit import with_uv
 from .gltf_files import gltf_files
-from .gltf_meshes import Triangles, corners_of, materials_of, meshes_of, triangles_of
+from .gltf_meshes import materials_of, meshes_of, triangles_of
+from .looks import Baked
 from .mesh import Contents, Corners, Material, Mesh
-from .obj_document import free_stem, read_obj_source
+from .obj_document import read_obj_source
 from .off import read_off
-from .picture import png
-from .ply import ply_of, ply_with_uv, read_ply
-from .ply_elements import Ply
+from .ply import read_ply
+from .sources import CutSource, GltfSource, LooseSource, Source, as_ply
 from .stl import read_stl
 
 __all__ = ["Document", "read_document"]
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
-
-
-class Source(Protocol):
-    """What a file holds, and how it is written again in a format of its own kind."""
-
-    @property
-    def folder(self) -> Path: ...
-    @property
-    def named(self) -> tuple[Path, ...]: ...
-    @property
-    def meshes(self) -> tuple[Mesh, ...]: ...
-    @property
-    def materials(self) -> tuple[Material, ...]: ...
-    def corners(self, index: int) -> Corners: ...
-    def rewrite(
-        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
-    ) -> Contents: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +65,7 @@ class Document:
         *,
         image: Bytes | None = None,
         uv_set: int | None = None,
+        baked: Baked | None = None,
     ) -> Contents:
         """Return the file with new texture coordinates.
 
@@ -104,6 +85,9 @@ class Document:
         uv_set : int, optional
             In a glTF file, the set to write; the others stay. By default the new coordinates are
             set 0, and the old sets and the textures that use them move up by one.
+        baked : Baked, optional
+            What `scene.rebake` made of the textures for these coordinates, instead of an image. A
+            file that was no glTF file, or becomes none, has a base colour alone.
 
         Returns
         -------
@@ -132,15 +116,19 @@ class Document:
                 raise ValueError(f"uvs[{k}]: shape {uv.shape} must be ({len(mesh.corners)}, 2)")
             if not np.isfinite(uv).all():
                 raise ValueError(f"uvs[{k}]: coordinates must be finite")
-        gltf = (".glb", ".gltf")
-        if kind == own or (kind in gltf and own in gltf):
-            if kind not in gltf:
+        if baked is not None:
+            image = baked.images["base"]
+        if kind in self.source.kinds:
+            if kind not in (".glb", ".gltf"):
                 _only_set(uv_set, 0)
-            return self.source.rewrite(path, given, image, uv_set)
+            return self.source.rewrite(path, given, image, uv_set, baked)
         carried = [self.corners(k) for k in range(len(self.meshes))]
+        if baked is not None:
+            # They are in the picture.
+            carried = [replace(extra, colours=None) for extra in carried]
         if kind == ".ply":
             _only_set(uv_set, 0)
-            return _as_ply(path, self.meshes, carried, given, image)
+            return as_ply(path, self.meshes, carried, given, image)
         if kind == ".obj":
             _only_set(uv_set, 0)
             lost = self._lost(carried)
@@ -175,9 +163,10 @@ class Document:
         *,
         image: Bytes | None = None,
         uv_set: int | None = None,
+        baked: Baked | None = None,
     ) -> tuple[str, ...]:
         """Write what `with_uv` returns, whole or not at all, and return its notes."""
-        contents = self.with_uv(path, uvs, image=image, uv_set=uv_set)
+        contents = self.with_uv(path, uvs, image=image, uv_set=uv_set, baked=baked)
         for file in contents.files:
             if file.parent != Path(path).parent:
                 file.parent.mkdir(parents=True, exist_ok=True)
@@ -194,7 +183,7 @@ class Document:
         sets = max((len(extra.uvs) for extra in carried), default=0)
         if sets:
             lost.append(f"{sets} old sets of texture coordinates are left out")
-        source = self.source
+        source = self.source.source if isinstance(self.source, CutSource) else self.source
         if isinstance(source, GltfSource):
             json = source.gltf.json
             lost += [
@@ -242,6 +231,9 @@ def read_document(path: str | PathLike[str]) -> Document:
         raise FileNotFoundError(f"{path}: no such file")
     if path.is_dir():
         raise IsADirectoryError(f"{path}: a folder, not a file")
+    with path.open("rb") as file:
+        if not file.read(1):
+            raise ValueError(f"{path}: empty file")
     try:
         source = _read(path)
     except (KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
@@ -289,98 +281,3 @@ def _nothing(source: Source) -> str:
     if points:
         return f"no faces: {points} points alone"
     return "no faces: the mesh is empty"
-
-
-@dataclass(frozen=True, eq=False)
-class GltfSource:
-    """A glTF document and its primitives of triangles."""
-
-    gltf: Gltf
-    groups: tuple[tuple[Triangles, ...], ...]
-    meshes: tuple[Mesh, ...]
-    materials: tuple[Material, ...]
-
-    @property
-    def folder(self) -> Path:
-        """Where the file is."""
-        return self.gltf.folder
-
-    @property
-    def named(self) -> tuple[Path, ...]:
-        """Images that are files of their own."""
-        uris = [image.get("uri", "data:") for image in self.gltf.json.get("images", [])]
-        return tuple(self.folder / unquote(uri) for uri in uris if not uri.startswith("data:"))
-
-    def corners(self, index: int) -> Corners:
-        """Old texture coordinates, normals and colours at the corners of a mesh."""
-        return corners_of(self.gltf, self.groups[index])
-
-    def rewrite(
-        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
-    ) -> Contents:
-        """Return the document with new texture coordinates; a GLB takes its images in."""
-        embed = path.suffix.lower() == ".glb"
-        document, buffer = with_uv(
-            self.gltf, self.groups, uvs, image=image, uv_set=uv_set, embed=embed
-        )
-        return gltf_files(path, document, buffer, self.folder, embedded=self.gltf.embedded)
-
-
-@dataclass(frozen=True, eq=False)
-class LooseSource:
-    """Meshes of a PLY, STL or OFF file."""
-
-    folder: Path
-    meshes: tuple[Mesh, ...]
-    carried: tuple[Corners, ...]
-    elements: Ply | None = None
-    materials: tuple[Material, ...] = ()
-
-    @property
-    def named(self) -> tuple[Path, ...]:
-        """The texture that a PLY file names."""
-        comments = self.elements.comments if self.elements else ()
-        words = [comment.split(maxsplit=2) for comment in comments]
-        return tuple(self.folder / w[2] for w in words if len(w) == 3 and w[1] == "TextureFile")
-
-    def corners(self, index: int) -> Corners:
-        """Old texture coordinates, normals and colours at the corners of a mesh."""
-        return self.carried[index]
-
-    def rewrite(
-        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
-    ) -> Contents:
-        """Return a PLY file with all properties that were read."""
-        if self.elements is None:
-            return _as_ply(path, self.meshes, self.carried, uvs, image)
-        return _ply_files(path, self.elements, uvs[0], image, self.named)
-
-
-def _as_ply(
-    path: Path,
-    meshes: Sequence[Mesh],
-    carried: Sequence[Corners],
-    uvs: Sequence[Floats],
-    image: Bytes | None,
-) -> Contents:
-    """Return a PLY file of meshes that were none; several become one."""
-    offsets = np.cumsum([0, *(len(mesh.positions) for mesh in meshes)])
-    whole = Mesh(
-        name="",
-        positions=np.concatenate([mesh.positions for mesh in meshes]),
-        corners=np.concatenate([m.corners + o for m, o in zip(meshes, offsets, strict=False)]),
-        sizes=np.concatenate([mesh.sizes for mesh in meshes]),
-    )
-    extra = carried[0] if len(carried) == 1 else Corners()
-    made = _ply_files(path, ply_of(whole, extra), np.concatenate(list(uvs)), image)
-    note = [f"{len(meshes)} meshes become one"] if len(meshes) > 1 else []
-    return Contents(made.files, (*note, *made.notes))
-
-
-def _ply_files(
-    path: Path, elements: Ply, uv: Floats, image: Bytes | None, named: Sequence[Path] = ()
-) -> Contents:
-    if image is None:
-        return Contents({path: ply_with_uv(elements, uv, None)})
-    beside = path.with_name(f"{free_stem(path, named)}.png")
-    return Contents({beside: png(image), path: ply_with_uv(elements, uv, beside.name)})

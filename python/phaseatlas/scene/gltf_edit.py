@@ -7,6 +7,7 @@ the specification, set their defaults, and drop what they do not know.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -17,8 +18,10 @@ from ..arrays import Bytes, Floats, Ints
 from .accessors import Gltf, Json, Rows, resource, rows
 from .gltf_meshes import Triangles, uv_names
 from .gltf_slots import NewAccessor, NewView, settle
+from .looks import SLOTS, Baked
+from .mesh import Cut
 from .picture import kind_of, png
-from .polygons import split_vertices
+from .polygons import split_corners, split_vertices
 
 __all__ = ["with_uv"]
 
@@ -31,6 +34,8 @@ def with_uv(
     image: Bytes | None = None,
     uv_set: int | None = None,
     embed: bool = False,
+    cuts: Sequence[Cut] | None = None,
+    baked: Baked | None = None,
 ) -> tuple[Json, bytes]:
     """Write texture coordinates of the corners into a document.
 
@@ -53,6 +58,12 @@ def with_uv(
         them move up by one.
     embed : bool, default False
         Take images that are files of their own into the buffer; one that is missing keeps its URI.
+    cuts : sequence of Cut, optional
+        New triangles of each mesh, whose corners `uvs` are at. Attributes are interpolated; joints
+        and their weights are those of the nearest vertex.
+    baked : Baked, optional
+        Pictures in place of the textures of the materials, and of the colours of vertices, which
+        become the attribute `_COLOR_0`. Tangents of the old coordinates go with their normal maps.
 
     Returns
     -------
@@ -68,16 +79,26 @@ def with_uv(
         _check_set(document, groups, uv_set)
     at = 0 if uv_set is None else uv_set
     shared = _shared_positions(document)
-    for group, uv in zip(groups, uvs, strict=True):
+    for number, (group, uv) in enumerate(zip(groups, uvs, strict=True)):
         single = (uv * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)
         start = 0
         for part in group:
             primitive = document["meshes"][part.mesh]["primitives"][part.primitive]
             end = start + len(part.corners)
-            _write(gltf, primitive, part.corners, single[start:end], at, shared)
+            if cuts is None:
+                _write(gltf, primitive, part.corners, single[start:end], at, shared)
+            else:
+                cut = cuts[number]
+                mine = slice(*np.searchsorted(cut.corners[:, 0], [start, end]))
+                points = part.corners[cut.corners[mine] - start], cut.weights[mine]
+                _write_cut(gltf, primitive, *points, single[mine], at)
             start = end
+    if baked is not None:
+        image = baked.images["base"]
     if image is not None:
         _paint(document, groups, png(image), at)
+    if baked is not None:
+        _replace_textures(document, groups, baked, at)
     if embed:
         _embed(gltf, document)
     return settle(gltf, document)
@@ -172,13 +193,7 @@ def _write(
                 if accessor not in made:
                     made[accessor] = _repeated(gltf, accessor, origin)
                 holder[name] = made[accessor]
-        # 65535 restarts a strip.
-        small = len(origin) <= 65535
-        primitive["indices"] = NewAccessor(
-            {"componentType": 5123 if small else 5125, "type": "SCALAR"},
-            new.astype("<u2" if small else "<u4")[:, None],
-            "indices",
-        )
+        primitive["indices"] = _indices(new, len(origin))
         if primitive.get("mode", 4) != 4:
             primitive["mode"] = 4
     # The attributes keep the order of the file.
@@ -187,18 +202,88 @@ def _write(
     )
 
 
+def _write_cut(
+    gltf: Gltf, primitive: Json, vertices: Ints, weights: Floats, uv: Rows, uv_set: int
+) -> None:
+    """Give a primitive new triangles, whose corners lie between three of its vertices each."""
+    if not len(vertices):
+        return
+    vertices = np.where(weights > 0, vertices, -1)
+    order = np.argsort(vertices, axis=1)
+    vertices = np.take_along_axis(vertices, order, axis=1)
+    weights = np.take_along_axis(weights, order, axis=1)
+    first, new, _ = split_corners(
+        vertices[:, 2], vertices[:, :2].astype(np.float64), weights, uv.astype(np.float32)
+    )
+    vertices, weights = vertices[first], weights[first]
+    nearest = np.take_along_axis(vertices, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
+    made: dict[int, NewAccessor] = {}
+    for holder in (primitive["attributes"], *primitive.get("targets", [])):
+        for name, accessor in holder.items():
+            if accessor not in made:
+                if name.startswith(("JOINTS", "WEIGHTS", "_")):
+                    made[accessor] = _repeated(gltf, accessor, nearest)
+                else:
+                    values = _interpolated(rows(gltf, accessor), vertices, weights, nearest)
+                    if holder is primitive["attributes"] and name in ("NORMAL", "TANGENT"):
+                        values = _renormalised(values)
+                    made[accessor] = _accessor(gltf, accessor, values)
+            holder[name] = made[accessor]
+    primitive["indices"] = _indices(new, len(first))
+    primitive["mode"] = 4
+    primitive["attributes"][f"TEXCOORD_{uv_set}"] = NewAccessor(
+        {"componentType": 5126, "type": "VEC2"}, uv[first].astype("<f4"), "vertices"
+    )
+
+
+def _interpolated(values: Rows, vertices: Ints, weights: Floats, nearest: Ints) -> Rows:
+    """Means of rows, in their own type; those at vertices are copies."""
+    mean = np.einsum("kcd,kc->kd", values[vertices].astype(np.float64), weights)
+    found: Rows = (np.rint(mean) if values.dtype.kind in "iu" else mean).astype(values.dtype)
+    exact = weights.max(axis=1) == 1
+    found[exact] = values[nearest[exact]]
+    if values.shape[1] == 4 and values.dtype.kind == "f":
+        # The fourth of a tangent is a sign.
+        signs = np.abs(values[:, 3]) == 1
+        found[:, 3] = np.where(signs[nearest], values[nearest, 3], found[:, 3])
+    return found
+
+
+def _renormalised(values: Rows) -> Rows:
+    if values.dtype.kind != "f":
+        return values
+    length = np.linalg.norm(values[:, :3], axis=1, keepdims=True)
+    values[:, :3] = np.divide(values[:, :3], length, out=values[:, :3].copy(), where=length > 0)
+    return values
+
+
+def _indices(new: Ints, count: int) -> NewAccessor:
+    # 65535 restarts a strip.
+    small = count <= 65535
+    return NewAccessor(
+        {"componentType": 5123 if small else 5125, "type": "SCALAR"},
+        new.astype("<u2" if small else "<u4")[:, None],
+        "indices",
+    )
+
+
 def _repeated(gltf: Gltf, accessor: int, origin: Ints) -> NewAccessor:
-    entry = {
-        key: value
-        for key, value in gltf.json["accessors"][accessor].items()
-        if key not in ("bufferView", "byteOffset", "sparse", "count", "min", "max")
-    }
     old = gltf.json["accessors"][accessor]
     if "bufferView" not in old and "sparse" not in old:
         # All of it is 0.
-        kept = {key: old[key] for key in ("min", "max") if key in old}
-        return NewAccessor({**entry, **kept, "count": len(origin)}, None, "vertices")
-    values = rows(gltf, accessor)[origin]
+        entry = {key: value for key, value in old.items() if key not in ("byteOffset", "count")}
+        return NewAccessor({**entry, "count": len(origin)}, None, "vertices")
+    return _accessor(gltf, accessor, rows(gltf, accessor)[origin])
+
+
+def _accessor(gltf: Gltf, accessor: int, values: Rows) -> NewAccessor:
+    """New values in place of an accessor's."""
+    old = gltf.json["accessors"][accessor]
+    entry = {
+        key: value
+        for key, value in old.items()
+        if key not in ("bufferView", "byteOffset", "sparse", "count", "min", "max")
+    }
     if "min" in old or "max" in old:
         entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
     return NewAccessor(entry, values, "vertices")
@@ -223,6 +308,38 @@ def _paint(
             opacity = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])[3]
             pbr["baseColorFactor"] = [1.0, 1.0, 1.0, opacity]
             pbr["baseColorTexture"] = dict(reference)
+
+
+def _replace_textures(
+    document: Json, groups: tuple[tuple[Triangles, ...], ...], baked: Baked, uv_set: int
+) -> None:
+    """Make pictures the other textures of the materials, and drop what went into them."""
+    for slot, image in baked.images.items():
+        if slot == "base":
+            continue
+        document["images"].append(
+            {"name": f"atlas_{slot}", "mimeType": "image/png", "bufferView": NewView(png(image))}
+        )
+        document["textures"].append({"source": len(document["images"]) - 1})
+        for number in baked.materials[slot]:
+            holder = document["materials"][number]
+            *path, key = SLOTS[slot]
+            for step in path:
+                holder = holder[step]
+            reference = holder[key]
+            reference |= {"index": len(document["textures"]) - 1, "texCoord": uv_set}
+            reference.get("extensions", {}).pop("KHR_texture_transform", None)
+            if not reference.get("extensions", True):
+                del reference["extensions"]
+            if slot == "normal":
+                reference.pop("scale", None)
+    for part in (part for group in groups for part in group):
+        primitive = document["meshes"][part.mesh]["primitives"][part.primitive]
+        for holder in (primitive["attributes"], *primitive.get("targets", [])):
+            if "COLOR_0" in holder:
+                holder["_COLOR_0"] = holder.pop("COLOR_0")
+            if primitive["material"] in baked.materials.get("normal", ()):
+                holder.pop("TANGENT", None)
 
 
 def _plain(materials: list[Json]) -> int:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..arrays import Floats, Ints
-from .accessors import Gltf, Json, decoded, resource, rows, view_bytes
-from .mesh import Corners, Image, Material, Mesh
+from .accessors import Gltf, Json, decoded, rows
+from .looks import image_of
+from .mesh import Corners, Material, Mesh
 
 __all__ = ["Triangles", "corners_of", "materials_of", "meshes_of", "triangles_of", "uv_names"]
 
@@ -206,6 +206,7 @@ def corners_of(gltf: Gltf, group: tuple[Triangles, ...]) -> Corners:
         tuple(uvs),
         gather("NORMAL", 3),
         None if colours is None else np.where(np.isnan(colours), 1.0, colours),
+        gather("TANGENT", 4),
     )
 
 
@@ -217,28 +218,13 @@ def materials_of(gltf: Gltf) -> tuple[Material, ...]:
 def _material(gltf: Gltf, entry: Json) -> Material:
     pbr = entry.get("pbrMetallicRoughness", {})
     texture = pbr.get("baseColorTexture")
+    textures = gltf.json.get("textures", [])
     colour = tuple(float(c) for c in pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0)))
     return Material(
         name=str(entry.get("name", "")),
         colour=(colour[0], colour[1], colour[2], colour[3]),
-        texture=None if texture is None else _image(gltf, texture["index"]),
+        texture=None if texture is None else image_of(gltf, textures[texture["index"]]),
         uv_set=0 if texture is None else texture.get("texCoord", 0),
         metallic=float(pbr.get("metallicFactor", 1.0)),
         roughness=float(pbr.get("roughnessFactor", 1.0)),
     )
-
-
-def _image(gltf: Gltf, texture: int) -> Image | None:
-    source: Any = gltf.json["textures"][texture].get("source")
-    if source is None:
-        return None
-    entry = gltf.json["images"][source]
-    uri = entry.get("uri")
-    if "bufferView" in entry:
-        data: bytes | None = bytes(view_bytes(gltf, entry["bufferView"]))
-    else:
-        data = resource(gltf.folder, uri) if uri else None
-    if data is None:
-        return None
-    named = entry.get("name") or (uri if uri and not uri.startswith("data:") else None)
-    return Image(str(named or f"image_{source}"), data)

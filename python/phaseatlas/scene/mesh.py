@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 
-__all__ = ["Contents", "Corners", "Image", "Material", "Mesh"]
+__all__ = ["Contents", "Corners", "Cut", "Image", "Material", "Mesh", "Placement"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +61,40 @@ class Corners:
         NaN at corners without.
     colours : (c, 4) array, optional
         Red, green, blue and opacity in [0, 1].
+    tangents : (c, 4) array, optional
+        Direction of u of the first set, and the sign of the binormal; NaN at corners without.
     """
 
     uvs: tuple[Floats, ...] = ()
     normals: Floats | None = None
     colours: Floats | None = None
+    tangents: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A mesh cut into new triangles, and where their corners lie in the old one.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The new triangles, in the order of the polygons that they are parts of.
+    corners : (c, 3) array of int
+        Corners of the old mesh that each new corner lies between.
+    weights : (c, 3) array
+        Its barycentric coordinates there.
+    """
+
+    mesh: Mesh
+    corners: Ints
+    weights: Floats
+
+    def interpolate(self, values: Floats) -> Floats:
+        """Values at the new corners from those at the old ones, (c, d)."""
+        # What has no weight may be NaN.
+        parts = np.where(self.weights[..., None] > 0, values[self.corners], 0.0)
+        found: Floats = np.einsum("kcd,kc->kd", parts, self.weights)
+        return found
 
 
 @dataclass(frozen=True)
@@ -74,6 +103,15 @@ class Image:
 
     name: str
     data: bytes
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How an OBJ material lays its texture: scale and offset of u and v, and what is outside."""
+
+    offset: tuple[float, float] = (0.0, 0.0)
+    scale: tuple[float, float] = (1.0, 1.0)
+    clamp: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,6 +124,8 @@ class Material:
     uv_set: int = 0
     metallic: float = 0.0
     roughness: float = 1.0
+    missing: str = ""
+    placement: Placement = Placement()
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .mesh import Image, Material
+from .mesh import Image, Material, Placement
 
 __all__ = ["Library", "charset", "mtl_bytes", "read_library"]
 
@@ -86,16 +86,35 @@ def _material(name: str, words: dict[str, list[str]], folder: Path) -> Material:
             return [min(max(float(word), 0.0), 1.0) for word in given]
         return list(default)
 
-    texture = None
+    texture, missing = None, ""
     if file_name := _file_name(words.get("map_kd", [])):
         try:
             data = (folder / file_name.replace("\\", "/")).read_bytes()
             texture = Image(file_name, data)
         except (OSError, ValueError):
-            texture = None
+            missing = file_name
     red, green, blue = value("kd", (1.0, 1.0, 1.0))
     (opacity,) = value("d", (1.0 - value("tr", (0.0,))[0],))
-    return Material(name, (red, green, blue, opacity), texture)
+    return Material(
+        name,
+        (red, green, blue, opacity),
+        texture,
+        missing=missing,
+        placement=_placement(words.get("map_kd", [])),
+    )
+
+
+def _placement(words: list[str]) -> Placement:
+    """What the options of a texture say of its place."""
+
+    def pair(option: str, default: float) -> tuple[float, float]:
+        after = words[words.index(option) + 1 :][:2] if option in words else []
+        given = [float(word) for word in after if _is_number(word)]
+        u, v = (*given, *[default] * 2)[:2]
+        return u, v
+
+    clamp = "-clamp" in words and words[words.index("-clamp") + 1 :][:1] == ["on"]
+    return Placement(pair("-o", 0.0), pair("-s", 1.0), clamp)
 
 
 def mtl_bytes(

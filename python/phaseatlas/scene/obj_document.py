@@ -12,6 +12,7 @@ import numpy as np
 from .. import _core
 from ..arrays import Bytes, Floats, Ints
 from .gltf_files import copy_beside
+from .looks import Baked
 from .mesh import Contents, Corners, Material, Mesh
 from .mtl import Library, mtl_bytes, read_library
 from .obj_edit import Header, with_vt
@@ -57,6 +58,7 @@ class ObjSource:
     vertices: Ints
     materials: tuple[Material, ...]
     libraries: dict[str, Library | None]
+    kinds: tuple[str, ...] = (".obj",)
 
     @property
     def named(self) -> tuple[Path, ...]:
@@ -101,7 +103,12 @@ class ObjSource:
         return uv, _table(numbers(self.text, NORMAL, 3), normal), colours
 
     def rewrite(
-        self, path: Path, uvs: list[Floats], image: Bytes | None, uv_set: int | None
+        self,
+        path: Path,
+        uvs: list[Floats],
+        image: Bytes | None,
+        uv_set: int | None,
+        baked: Baked | None = None,
     ) -> Contents:
         """Return the file with new texture coordinates, and the files that it names."""
         uv = np.empty((len(self.vertices), 2))

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
-from ..arrays import Bytes
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["as_png_or_jpeg", "kind_of", "png"]
+from ..arrays import Bytes, Floats, Ints
+
+__all__ = ["Picture", "as_png_or_jpeg", "kind_of", "png", "read_picture"]
 
 _SIGNATURES = {b"\x89PNG": "png", b"\xff\xd8\xff": "jpg", b"RIFF": "webp", b"\xabKTX": "ktx2"}
 
@@ -38,3 +44,107 @@ def as_png_or_jpeg(data: bytes) -> bytes | None:
             return out.getvalue()
     except (OSError, UnidentifiedImageError, ValueError):
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture to be looked up.
+
+    Attributes
+    ----------
+    pixels : (h, w, 4) array of uint8 or float32
+        First row on top; floats are values.
+    values : (256,) array or None
+        Of the first three channels of bytes.
+    """
+
+    pixels: NDArray[Any]
+    values: Floats | None
+
+    def reduced(self, ratio: float) -> Picture:
+        """Return means of squares of pixels, at most `ratio` a side and as many as fit."""
+        height, width = self.pixels.shape[:2]
+        fitting = [k for k in range(2, int(ratio) + 1) if height % k == 0 and width % k == 0]
+        if not fitting:
+            return self
+        k = fitting[-1]
+        small = np.empty((height // k, width // k, 4), dtype=np.float32)
+        for row in range(len(small)):
+            block = self._decoded(self.pixels[row * k : row * k + k])
+            small[row] = block.reshape(k, width // k, k, 4).mean(axis=(0, 2))
+        return Picture(small, None)
+
+    def sample(self, places: Floats, wrap: tuple[str, str]) -> Floats:
+        """Values between the centres of pixels, bilinear, (k, 4).
+
+        Parameters
+        ----------
+        places : (k, 2) array
+            In [0, 1] over the picture, v down.
+        wrap : tuple of str
+            What is beyond, for u and v: "repeat", "mirror" or "clamp".
+        """
+        height, width = self.pixels.shape[:2]
+        found = np.zeros((len(places), 4))
+        at = places * [width, height] - 0.5
+        low = np.floor(at)
+        part = at - low
+        for dx in (0, 1):
+            for dy in (0, 1):
+                column = _wrapped(low[:, 0] + dx, width, wrap[0])
+                row = _wrapped(low[:, 1] + dy, height, wrap[1])
+                weight = (part[:, 0] if dx else 1 - part[:, 0]) * (
+                    part[:, 1] if dy else 1 - part[:, 1]
+                )
+                found += weight[:, None] * self._decoded(self.pixels[row, column])
+        return found
+
+    def _decoded(self, pixels: NDArray[Any]) -> Floats:
+        if self.values is None:
+            return pixels.astype(np.float64)
+        decoded: Floats = self.values[pixels]
+        decoded[..., 3] = pixels[..., 3] / 255
+        return decoded
+
+
+def _wrapped(index: Floats, count: int, wrap: str) -> Ints:
+    """Pixels at whole places that may lie outside."""
+    found: Floats
+    if wrap == "clamp":
+        found = np.clip(index, 0, count - 1)
+    elif wrap == "mirror":
+        found = np.mod(index, 2 * count)
+        found = np.minimum(found, 2 * count - 1 - found)
+    else:
+        found = np.mod(index, count)
+    return found.astype(np.int64)
+
+
+def read_picture(data: bytes, decode: Callable[[Floats], Floats] | None = None) -> Picture | None:
+    """Read a picture; None where that cannot be done.
+
+    Parameters
+    ----------
+    data : bytes
+        Of a PNG, a JPEG or another format that Pillow reads.
+    decode : callable, optional
+        From bytes as parts of 255 to values.
+    """
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            if picture.mode[0] in "IF":
+                grey = np.asarray(picture, dtype=np.float64) / (
+                    65535 if picture.mode[0] == "I" else 1
+                )
+                grey = np.clip(grey, 0.0, 1.0)
+                grey = decode(grey) if decode else grey
+                pixels = np.ones((*grey.shape, 4), dtype=np.float32)
+                pixels[..., :3] = grey[..., None]
+                return Picture(pixels, None)
+            whole = np.asarray(picture.convert("RGBA"))
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+    steps = np.arange(256) / 255
+    return Picture(whole, decode(steps) if decode else steps)

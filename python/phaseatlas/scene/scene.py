@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Floats, Ints
 from ..surface import Surface
-from .document import read_document
+from .document import Document, read_document
 from .mesh import Mesh
 from .repair import Component, Repaired, components, repair
 
-__all__ = ["Scene", "SceneMesh", "load_scene", "polygons_of", "scene_of"]
+__all__ = ["Scene", "SceneFile", "SceneMesh", "load_scene", "polygons_of", "scene_in", "scene_of"]
 
 # No seam runs along a diagonal of a polygon.
 _DIAGONAL = np.inf
@@ -41,6 +43,22 @@ class SceneMesh:
     first_vertex: int
 
 
+@dataclass(frozen=True)
+class SceneFile:
+    """The file that a scene was read from.
+
+    Attributes
+    ----------
+    path : str
+        As it was given.
+    sha256 : str
+        Digest of its content, in hexadecimal digits.
+    """
+
+    path: str
+    sha256: str
+
+
 class Scene(Surface):
     """Pieces of surface that share an atlas: all faces of one or several meshes.
 
@@ -54,12 +72,17 @@ class Scene(Surface):
     pieces : tuple of Component
         The connected parts, mesh by mesh: each a surface, with its faces and vertices as faces and
         vertices of the scene.
+    file : SceneFile or None
+        Where `load_scene` read it from.
     """
 
     meshes: tuple[SceneMesh, ...]
     pieces: tuple[Component, ...]
+    file: SceneFile | None
 
-    def __init__(self, meshes: Sequence[tuple[str, Repaired]]) -> None:
+    def __init__(
+        self, meshes: Sequence[tuple[str, Repaired]], file: SceneFile | None = None
+    ) -> None:
         placed, pieces = [], []
         first_face = first_vertex = 0
         for name, repaired in meshes:
@@ -76,7 +99,7 @@ class Scene(Surface):
             first_vertex += len(repaired.vertices)
         if not pieces:
             raise ValueError("faces: no face has an area")
-        self.meshes, self.pieces = tuple(placed), tuple(pieces)
+        self.meshes, self.pieces, self.file = tuple(placed), tuple(pieces), file
         inner = np.concatenate([mesh.repaired.inner for mesh in placed])
         self._build(
             np.concatenate([mesh.repaired.vertices for mesh in placed]),
@@ -92,8 +115,8 @@ class Scene(Surface):
             f"{self.n_vertices} vertices, {self.n_faces} faces)"
         )
 
-    def __reduce__(self) -> tuple[type[Scene], tuple[list[tuple[str, Repaired]]]]:
-        return Scene, ([(mesh.name, mesh.repaired) for mesh in self.meshes],)
+    def __reduce__(self) -> tuple[type[Scene], tuple[list[tuple[str, Repaired]], SceneFile | None]]:
+        return Scene, ([(mesh.name, mesh.repaired) for mesh in self.meshes], self.file)
 
     @property
     def genus(self) -> int:
@@ -155,20 +178,44 @@ def load_scene(path: str | PathLike[str], *, weld: float = 0.0) -> Scene:
     FileNotFoundError, IsADirectoryError
         For a missing file and for a folder.
     """
+    scene = scene_in(read_document(path), weld=weld)
+    with Path(path).open("rb") as file:
+        scene.file = SceneFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
+    return scene
+
+
+def scene_in(document: Document, *, weld: float = 0.0, whole: bool = True) -> Scene:
+    """Put all meshes of a file into one scene.
+
+    Parameters
+    ----------
+    document : Document
+    weld : float, default 0
+        As in `load_scene`.
+    whole : bool, default True
+        Whether seams keep off the diagonals of polygons.
+
+    Raises
+    ------
+    ValueError
+        Where no face has an area; the message starts with the file's name.
+    """
     try:
-        return scene_of(read_document(path).meshes, weld=weld)
+        return scene_of(document.meshes, weld=weld, whole=whole)
     except ValueError as error:
-        message = str(error)
-        raise ValueError(
-            message if message.startswith(str(path)) else f"{path}: {message}"
-        ) from error
+        raise ValueError(f"{document.path}: {error}") from error
 
 
-def scene_of(meshes: Sequence[Mesh], *, weld: float = 0.0) -> Scene:
+def scene_of(meshes: Sequence[Mesh], *, weld: float = 0.0, whole: bool = True) -> Scene:
     """Repair meshes and put them into one scene."""
-    return Scene(
-        [(mesh.name, repair(_placed(mesh), mesh.corners, mesh.sizes, weld=weld)) for mesh in meshes]
-    )
+    repaired = [
+        (mesh.name, repair(_placed(mesh), mesh.corners, mesh.sizes, weld=weld)) for mesh in meshes
+    ]
+    if not whole:
+        repaired = [
+            (name, replace(each, inner=np.zeros_like(each.inner))) for name, each in repaired
+        ]
+    return Scene(repaired)
 
 
 def polygons_of(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Ints, Ints]:

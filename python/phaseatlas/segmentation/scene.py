@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
+from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,6 +64,36 @@ class SceneSegmentation(Segmentation):
             for piece, tree in zip(scene.pieces, trees, strict=True)
         ]
         return cls(scene, parts, trees)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the segments and their scene to an `.npz` file, whole or not at all.
+
+        The keys are vertices, faces and labels of all pieces, piece (of each face), segments and
+        epsilon (of each piece), source and sha256 (path and digest of the file that the scene was
+        read from, empty where it was not), and format, 2. For each piece k that was cut by a tree
+        there are its arrays, those that `SegmentTree.save` writes, as tree_k_fields and so on. The
+        way back to the corners of the file is under names that start with mesh_.
+        """
+        from .scene_file import save
+
+        save(self, path)
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> SceneSegmentation:
+        """Read what `save` wrote.
+
+        Parts without a tree come back as their labels, with weights made of these.
+
+        Raises
+        ------
+        ValueError
+            For a file that is no segmentation of a scene.
+        FileNotFoundError
+            For a missing file.
+        """
+        from .scene_file import load
+
+        return load(path)
 
 
 def leaves_of_pieces(surfaces: Sequence[Surface], count: int) -> list[int]:

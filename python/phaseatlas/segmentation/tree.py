@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,9 +19,25 @@ from ..surface import Surface
 from .node import Diagnostics
 from .segmentation import Segmentation
 
-__all__ = ["MAX_LEVELS", "SegmentTree", "TreeNode", "children", "front", "outline", "paths"]
+__all__ = [
+    "MAX_LEVELS",
+    "SegmentTree",
+    "TreeNode",
+    "children",
+    "front",
+    "outline",
+    "paths",
+    "read_arrays",
+    "tree_arrays",
+    "tree_of",
+    "write_arrays",
+]
+
+_Made = TypeVar("_Made")
 
 _FORMAT = 1
+# What reads each format.
+_READERS = {1: "SegmentTree", 2: "SceneSegmentation"}
 #: Deepest tree that is made: 65,536 segments where all are halves.
 MAX_LEVELS = 16
 
@@ -245,23 +261,14 @@ class SegmentTree:
         The keys are vertices, faces, fields, weights, labels, levels, epsilon, delta,
         diagnostics (JSON) and format, and for each node parents, positive and shares.
         """
-        arrays: dict[str, Any] = {
+        arrays = {
             "vertices": self.surface.vertices,
             "faces": self.surface.faces,
-            "fields": self.fields,
             "weights": self.weights,
-            "labels": self.labels,
-            "levels": self.levels,
-            "epsilon": self.epsilon,
-            "delta": self.delta,
-            "diagnostics": json.dumps([asdict(d) for d in self.diagnostics]),
             "format": _FORMAT,
-            "parents": np.array([node.parent for node in self.nodes]),
-            "positive": np.array([node.positive for node in self.nodes]),
-            "shares": np.array([node.share for node in self.nodes]),
+            **tree_arrays(self),
         }
-        with write_whole(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **arrays)
+        write_arrays(path, arrays)
 
     @staticmethod
     def load(path: str | PathLike[str]) -> SegmentTree:
@@ -274,26 +281,75 @@ class SegmentTree:
         FileNotFoundError
             For a missing file.
         """
-        try:
-            with np.load(Path(path), allow_pickle=False) as file:
-                arrays = {key: file[key] for key in file.files}
-            version = int(arrays["format"])
-            if version <= _FORMAT:
-                return _tree(arrays)
-        except FileNotFoundError:
-            raise
-        except Exception as error:
-            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-            raise ValueError(f"{path}: no segmentation: {reason}") from error
-        raise ValueError(f"{path}: format {version} is newer than {_FORMAT}")
+        return read_arrays(
+            path,
+            _FORMAT,
+            lambda arrays: tree_of(arrays, Surface(arrays["vertices"], arrays["faces"])),
+        )
 
 
-def _tree(arrays: dict[str, Any]) -> SegmentTree:
+def write_arrays(path: str | PathLike[str], arrays: dict[str, Any]) -> None:
+    """Write an `.npz` file, whole or not at all."""
+    with write_whole(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_arrays(
+    path: str | PathLike[str], version: int, made: Callable[[dict[str, Any]], _Made]
+) -> _Made:
+    """Read an `.npz` file of a segmentation; `made` makes something of its arrays.
+
+    Parameters
+    ----------
+    path : str or PathLike
+    version : int
+        Format of the file: 1 for a tree, 2 for the segments of a scene.
+    made : callable
+        From the arrays by their names to the result.
+
+    Raises
+    ------
+    ValueError
+        For a file that is no segmentation, or of another format.
+    FileNotFoundError
+        For a missing file.
+    """
+    try:
+        with np.load(Path(path), allow_pickle=False) as file:
+            arrays = {key: file[key] for key in file.files}
+        found = int(arrays["format"])
+        if found == version:
+            return made(arrays)
+    except FileNotFoundError:
+        raise
+    except Exception as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{path}: no segmentation: {reason}") from error
+    if found in _READERS:
+        raise ValueError(f"{path}: format {found} is what {_READERS[found]}.load reads")
+    raise ValueError(f"{path}: format {found} is newer than {max(_READERS)}")
+
+
+def tree_arrays(tree: SegmentTree) -> dict[str, Any]:
+    """What a file holds of a tree, its surface aside, by the names there."""
+    return {
+        "fields": tree.fields,
+        "labels": tree.labels,
+        "levels": tree.levels,
+        "epsilon": tree.epsilon,
+        "delta": tree.delta,
+        "diagnostics": json.dumps([asdict(d) for d in tree.diagnostics]),
+        "parents": np.array([node.parent for node in tree.nodes]),
+        "positive": np.array([node.positive for node in tree.nodes]),
+        "shares": np.array([node.share for node in tree.nodes]),
+    }
+
+
+def tree_of(arrays: dict[str, Any], surface: Surface) -> SegmentTree:
     """Tree of the arrays of a file, checked for what a damaged or foreign one may hold."""
     records = json.loads(str(arrays["diagnostics"]))
     for record in records:
         record["components"] = tuple(record["components"])
-    surface = Surface(arrays["vertices"], arrays["faces"])
     levels, labels = int(arrays["levels"]), arrays["labels"]
     if not 1 <= levels <= MAX_LEVELS:
         raise ValueError(f"levels: {levels} must be in 1..{MAX_LEVELS}")
