@@ -15,11 +15,15 @@ from pathlib import Path
 
 EXAMPLES = Path(__file__).parent
 # The meshes that scripts can use where they are given.
-MODELS = {"plot_figure5_atlas": "spot.obj", "plot_figure9_fertility": "fertility.obj"}
+MODELS = {
+    "plot_charts_by_energy": ["spot.obj", "hand.obj", "fertility.obj"],
+    "plot_figure5_atlas": ["spot.obj"],
+    "plot_figure9_fertility": ["fertility.obj"],
+}
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("folder", type=Path, help="where gallery.md and gallery/ are written")
-parser.add_argument("--meshes", type=Path, help="folder with spot.obj and fertility.obj")
+parser.add_argument("--meshes", type=Path, help="folder with spot.obj, hand.obj and fertility.obj")
 parser.add_argument("--only", nargs="+", metavar="FIGURE", help="such as figure6; keep the others")
 parser.add_argument("--quick", action="store_true", help="small and fast")
 arguments = parser.parse_args()
@@ -28,9 +32,10 @@ pictures = arguments.folder / "gallery"
 pictures.mkdir(parents=True, exist_ok=True)
 page = [
     "# Gallery",
-    "The paper's figures, each by a short script in [`examples/`](../examples), with the numbers "
-    "it prints. `python examples/run_all.py docs` makes this page; `--meshes FOLDER` gives it the "
-    "models `spot.obj` and `fertility.obj`.",
+    "Atlases of models and the paper's figures, each by a short script in "
+    "[`examples/`](../examples), with the numbers it prints. `python examples/run_all.py docs` "
+    "makes this page; `--meshes FOLDER` gives it the models `spot.obj`, `hand.obj` and "
+    "`fertility.obj`.",
 ]
 for script in sorted(EXAMPLES.glob("plot_*.py")):
     figure = script.stem.split("_")[1]
@@ -38,7 +43,7 @@ for script in sorted(EXAMPLES.glob("plot_*.py")):
     if arguments.only is None or figure in arguments.only:
         options = ["--quick"] if arguments.quick else []
         if arguments.meshes and script.stem in MODELS:
-            options += ["--model", str(arguments.meshes / MODELS[script.stem])]
+            options += ["--model", *(str(arguments.meshes / name) for name in MODELS[script.stem])]
         began = time.perf_counter()
         run = subprocess.run(
             [sys.executable, str(script), str(pictures), *options],

@@ -46,6 +46,14 @@ def numbers(rows, column):
     return [float(row[column]) for row in rows]
 
 
+def test_charts_are_bijections_of_little_stretch(run):
+    (rows,) = tables(run("charts"))
+    assert numbers(rows, "flips") == numbers(rows, "overlap") == [0]
+    assert numbers(rows, "charts")[0] <= 6
+    assert numbers(rows, "seam")[0] < 8
+    assert numbers(rows, "hencky")[0] < 2e-3
+
+
 def test_figure2_width_follows_epsilon_and_pieces_join(run):
     sweep, flow = tables(run("figure2"))
     assert numbers(sweep, "width/epsilon") == pytest.approx([2.8, 2.8, 2.8], rel=0.08)
