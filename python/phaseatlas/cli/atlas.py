@@ -76,7 +76,7 @@ def atlas(
     from ..atlas.packing import check_packing
     from ..scene.check import check_layout
     from ..scene.document import read_document
-    from ..scene.scene import scene_in
+    from ..scene.scene import NoAreaError, no_places, scene_in
 
     check_resolution(resolution)
     check_packing(padding, resolution)
@@ -91,7 +91,13 @@ def atlas(
         ways |= {"solver": solver, "initial": initial}
     _check_options(levels, ways)
     document = read_document(mesh)
-    scene = scene_in(document, weld=weld, whole=not cut)
+    try:
+        scene = scene_in(document, weld=weld, whole=not cut)
+    except NoAreaError:
+        nowhere = document.save(output, no_places(document.meshes), uv_set=uv_set)
+        words = "no face has an area: all texture coordinates are 0, and no texture is made"
+        say(*(f"note: {note}" for note in (*nowhere, words)))
+        return
     before = scene
     from ..atlas import build_atlas
 
