@@ -66,11 +66,6 @@ def bad_meshes():
     vertices, faces = TETRAHEDRON
     return {
         "nan": ([[0, 0, "nan"], *vertices[1:]], faces, r"vert.*0.* finite"),
-        "no area": (
-            vertices,
-            [[0, 0, 1], [1, 2, 1]],
-            r"no face has an area|faces\[0\]: degenerate",
-        ),
         "points": (vertices, [], "no faces"),
     }
 
@@ -114,6 +109,20 @@ def test_bad_meshes_give_one_line_and_no_file(tmp_path, kind, command):
     mesh = tmp_path / "bad.obj"
     write_obj(mesh, vertices, faces)
     check_refused(tmp_path, mesh, command, culprit)
+
+
+def test_faces_without_any_area_have_texture_coordinates(tmp_path):
+    mesh = tmp_path / "line.obj"
+    write_obj(mesh, TETRAHEDRON[0], [[0, 0, 1], [1, 2, 1]])
+    result = run("atlas", mesh, "-o", tmp_path / "out.obj")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "note: no face has an area: all texture coordinates are 0" in result.stdout
+    lines = (tmp_path / "out.obj").read_text().splitlines()
+    assert lines[-2:] == ["f 1/1 1/1 2/1", "f 2/1 3/1 2/1"]
+    for command, suffix in (("segment", "npz"), ("info", None)):
+        output = ["-o", tmp_path / f"a.{suffix}"] if suffix else []
+        line = failure(run(command, mesh, *output), 1)
+        assert line == f"{mesh}: faces: no face has an area"
 
 
 @pytest.mark.parametrize("kind", sorted(rough_meshes()))

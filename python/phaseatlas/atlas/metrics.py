@@ -22,6 +22,7 @@ __all__ = [
     "atlas_metrics",
     "checked_uv",
     "flaws",
+    "turned_over",
     "uv_topology",
     "yamabe_factors",
 ]
@@ -61,8 +62,8 @@ class Flaws:
     crossing: int = 0
     thin: int = 0
 
-    def sentences(self) -> list[str]:
-        """One line for each flaw that is worth a word, which names a cure."""
+    def fatal(self) -> list[str]:
+        """One line for each flaw with which a layout must not be written."""
         said = []
         if self.flips:
             said.append(f"flips: {self.flips} faces are turned over in the plane; {CURE}")
@@ -70,6 +71,11 @@ class Flaws:
             said.append(f"overlap: {self.crossing} charts cover points twice; {CURE}")
         elif self.overlap > 0:
             said.append(f"overlap: {self.overlap:.2g} % of the texels are covered twice; {CURE}")
+        return said
+
+    def sentences(self) -> list[str]:
+        """One line for each flaw that is worth a word, which names a cure."""
+        said = self.fatal()
         if self.sparse > _SPARSE_AREA:
             said.append(
                 f"density: {100 * self.sparse:.2g} % of the area has less than a tenth of the mean "
@@ -187,18 +193,34 @@ def flaws(surface: Surface, uv: Floats, *, resolution: int = 2048) -> Flaws:
         Side of the raster on which overlap is counted, in texels.
     """
     signed = flat_areas(uv, signed=True)
-    thin = 2.0 * np.abs(signed) <= THIN * _longest(uv)
     areas = surface.face_areas
     density = np.sqrt(np.abs(signed) / areas)
     mean = np.sqrt(np.abs(signed).sum() / areas.sum())
     sparse = areas[density < _SPARSE * mean].sum() / areas.sum()
     return Flaws(
-        flips=int(((signed <= 0.0) & ~thin).sum()),
+        flips=turned_over(uv),
         overlap=_overlap(uv, resolution),
         sparse=float(sparse),
         crossing=_crossing(uv, uv_topology(surface, uv)),
-        thin=int(thin.sum()),
+        thin=int(_thin(uv, signed).sum()),
     )
+
+
+def turned_over(uv: Floats) -> int:
+    """Count the faces that are turned over in the plane, without those that are thin.
+
+    Parameters
+    ----------
+    uv : (m, 3, 2) array
+        UV of every corner of every face; no chart is mirrored.
+    """
+    signed = flat_areas(uv, signed=True)
+    return int(((signed <= 0.0) & ~_thin(uv, signed)).sum())
+
+
+def _thin(uv: Floats, signed: Floats) -> Bools:
+    thin: Bools = 2.0 * np.abs(signed) <= THIN * _longest(uv)
+    return thin
 
 
 def uv_topology(surface: Surface, uv: Floats) -> UvTopology:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import typer
 
+from ..quality import QualityWarning
 from . import options
 from .output import check_output
 from .process import UsageError, say
@@ -72,8 +74,9 @@ def atlas(
     check_output(output, [mesh] if given is None else [mesh, given], *_SUFFIXES)
     from ..atlas.bake import check_resolution
     from ..atlas.packing import check_packing
+    from ..scene.check import check_layout
     from ..scene.document import read_document
-    from ..scene.scene import scene_in
+    from ..scene.scene import NoAreaError, no_places, scene_in
 
     check_resolution(resolution)
     check_packing(padding, resolution)
@@ -88,7 +91,13 @@ def atlas(
         ways |= {"solver": solver, "initial": initial}
     _check_options(levels, ways)
     document = read_document(mesh)
-    scene = scene_in(document, weld=weld, whole=not cut)
+    try:
+        scene = scene_in(document, weld=weld, whole=not cut)
+    except NoAreaError:
+        nowhere = document.save(output, no_places(document.meshes), uv_set=uv_set)
+        words = "no face has an area: all texture coordinates are 0, and no texture is made"
+        say(*(f"note: {note}" for note in (*nowhere, words)))
+        return
     before = scene
     from ..atlas import build_atlas
 
@@ -100,9 +109,16 @@ def atlas(
 
         document, scene, segmentation = cut_document(document, scene, segmentation)
     method = flatten or ("bff" if levels is not None else "isometric")
-    charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
-    image = None if texture is None else charts.bake(picture, resolution=resolution)
+    with warnings.catch_warnings():
+        # What is wrong with the layout is said below.
+        warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
+        charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
     corners = scene.corners(charts.uv)
+    try:
+        check_layout(scene, corners, charts, even=levels is None)
+    except ValueError as error:
+        raise ValueError(f"{mesh}: {output} is not written: {error}") from error
+    image = None if texture is None else charts.bake(picture, resolution=resolution)
     baked = None
     if rebake:
         from ..scene.rebake import rebake as baked_anew

@@ -17,7 +17,17 @@ from .document import Document, read_document
 from .mesh import Mesh
 from .repair import Component, Repaired, components, repair
 
-__all__ = ["Scene", "SceneFile", "SceneMesh", "load_scene", "polygons_of", "scene_in", "scene_of"]
+__all__ = [
+    "NoAreaError",
+    "Scene",
+    "SceneFile",
+    "SceneMesh",
+    "load_scene",
+    "no_places",
+    "polygons_of",
+    "scene_in",
+    "scene_of",
+]
 
 # No seam runs along a diagonal of a polygon.
 _DIAGONAL = np.inf
@@ -41,6 +51,10 @@ class SceneMesh:
     repaired: Repaired
     first_face: int
     first_vertex: int
+
+
+class NoAreaError(ValueError):
+    """Polygons of which none has an area."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +112,7 @@ class Scene(Surface):
             first_face += len(repaired.faces)
             first_vertex += len(repaired.vertices)
         if not pieces:
-            raise ValueError("faces: no face has an area")
+            raise NoAreaError("faces: no face has an area")
         self.meshes, self.pieces, self.file = tuple(placed), tuple(pieces), file
         inner = np.concatenate([mesh.repaired.inner for mesh in placed])
         self._build(
@@ -197,11 +211,13 @@ def scene_in(document: Document, *, weld: float = 0.0, whole: bool = True) -> Sc
 
     Raises
     ------
-    ValueError
+    NoAreaError
         Where no face has an area; the message starts with the file's name.
     """
     try:
         return scene_of(document.meshes, weld=weld, whole=whole)
+    except NoAreaError as error:
+        raise NoAreaError(f"{document.path}: {error}") from error
     except ValueError as error:
         raise ValueError(f"{document.path}: {error}") from error
 
@@ -216,6 +232,11 @@ def scene_of(meshes: Sequence[Mesh], *, weld: float = 0.0, whole: bool = True) -
             (name, replace(each, inner=np.zeros_like(each.inner))) for name, each in repaired
         ]
     return Scene(repaired)
+
+
+def no_places(meshes: Sequence[Mesh]) -> list[Floats]:
+    """Texture coordinates for polygons of which none has an area: 0 at all corners."""
+    return [np.zeros((len(mesh.corners), 2)) for mesh in meshes]
 
 
 def polygons_of(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Ints, Ints]:
