@@ -44,9 +44,7 @@ def test_the_refined_surface_is_a_surface_of_the_same_topology(coarse, refined):
 
 def test_every_face_is_a_part_of_its_parent(coarse, refined):
     parts = refined.target
-    areas = np.bincount(
-        refined.origin_face, weights=parts.face_areas, minlength=coarse.n_faces
-    )
+    areas = np.bincount(refined.origin_face, weights=parts.face_areas, minlength=coarse.n_faces)
     np.testing.assert_allclose(areas, coarse.face_areas, rtol=1e-12)
     corners = refined.corners
     assert (corners.barycentric >= 0).all()
