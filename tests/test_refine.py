@@ -122,5 +122,5 @@ def test_seam_costs_go_to_the_parts_of_their_edges():
 
 @pytest.mark.parametrize("longest", [0.0, -1.0, np.nan, np.inf])
 def test_a_bound_that_is_no_length_is_refused(longest):
-    with pytest.raises(ValueError, match="longest: .* must be a positive number"):
+    with pytest.raises(ValueError, match=r"longest: .* must be a positive number"):
         refine(datasets.icosphere(0), longest)
