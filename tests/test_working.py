@@ -239,7 +239,7 @@ CASES = {
     "low_poly_rock_80_faces.obj": (8, 0.05),
     "plank_12_faces.obj": (8, 0.1),
     "quad_cube.obj": (6, 0.0),
-    "sem_spike1e3.obj": (8, 0.4),
+    "sem_spike1e3.obj": (8, 1.0),
     "two_triangles.obj": (2, 0.0),
 }
 

@@ -21,7 +21,7 @@ _COARSE_AREA = 0.05
 # or 2,000 where a segment has so few faces of the input that they decide more than the field.
 _EDGE = 1 / 12
 _ROUGH_EDGE = 1 / 8
-_FEW_FACES = 8
+_FEW_FACES = 64
 # Refined surfaces have about so many faces at most: those of few segments, and those of many. Only
 # needles and many segments need as many.
 _MOST_OF_FEW = 12_000

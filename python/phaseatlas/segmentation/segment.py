@@ -39,6 +39,9 @@ from .whole import n_units
 
 __all__ = ["segment"]
 
+# Default limit on the steps of a stage on a refined surface, twice what most take: a few slivers
+# make it stiff, and whole faces do not show the difference.
+_STEPS = 200
 # Sharp segments whose areas miss their shares by more than this part are said to.
 _SHARP_MISS = 0.01
 
