@@ -39,9 +39,11 @@ from .whole import n_units
 
 __all__ = ["segment"]
 
-# Default limit on the steps of a stage on a refined surface, twice what most take: a few slivers
+# Default limit on the steps of a stage on a refined surface, more than most take: a few slivers
 # make it stiff, and whole faces do not show the difference.
-_STEPS = 200
+_STEPS = 300
+# A refined surface with a triangle of less quality takes one start instead of eight.
+_STIFF = 1e-3
 # Sharp segments whose areas miss their shares by more than this part are said to.
 _SHARP_MISS = 0.01
 
@@ -204,7 +206,8 @@ def _tree(
     steps = working_surface(surface, len(parts), options.epsilon, simplify=options.coarse)
     if steps:
         initial = _forward(steps, surface, initial)
-        found = _solved(steps[-1].target, parts, options, initial, executor, progress, refined=True)
+        target, quick = steps[-1].target, _quick(options, steps[-1])
+        found = _solved(target, parts, quick, initial, executor, progress, refined=True)
         tree = carried_back(found, steps, options)
     else:
         tree = with_whole_polygons(_solved(surface, parts, options, initial, executor, progress))
@@ -265,6 +268,15 @@ def _solved(
     leaves = front(nodes, len(nodes))
     number[leaves] = np.arange(len(leaves))
     return SegmentTree(surface, widths.epsilon * length, widths.delta, tuple(nodes), number[owner])
+
+
+def _quick(options: Options, step: Transfer) -> Options:
+    """Less work by default where a refined surface is stiff, and shows little of what it gains."""
+    if step.origin_face is None or options.max_iterations != Options.max_iterations:
+        return options
+    stiff = float(step.target.face_quality.min()) < _STIFF
+    initial: Initial = "random" if stiff and options.initial == "auto" else options.initial
+    return replace(options, max_iterations=_STEPS, initial=initial)
 
 
 def _forward(
