@@ -226,20 +226,20 @@ def test_fields_may_be_given_for_a_coarse_surface():
     np.testing.assert_allclose(tree.areas, surface.area / 2, rtol=1e-9)
 
 
-# Segments of each case at three levels, and by how much an area misses its share at most: what
-# faces allow, with a margin of a third for the larger ones, which are moved one by one.
+# Segments of each case at three levels, and by how much an area misses its share at most; None is
+# the largest face: more of them than are tried in every way are moved across the seams one by one.
 CASES = {
     "annulus_raw.obj": (8, 0.01),
     "cone_16_sections.obj": (8, 0.01),
     "cyl_long.obj": (8, 0.02),
-    "cylinder_28_sections_flat.obj": (8, 0.12),
+    "cylinder_28_sections_flat.obj": (8, 0.01),
     "cylinder_32_sections.obj": (8, 0.01),
-    "cylinder_80_faces.obj": (8, 0.06),
+    "cylinder_80_faces.obj": (8, None),
     "flat_rectangle_16x4.obj": (8, 0.0),
-    "low_poly_rock_80_faces.obj": (8, 0.05),
+    "low_poly_rock_80_faces.obj": (8, None),
     "plank_12_faces.obj": (8, 0.1),
     "quad_cube.obj": (6, 0.0),
-    "sem_spike1e3.obj": (8, 1.0),
+    "sem_spike1e3.obj": (8, None),
     "two_triangles.obj": (2, 0.0),
 }
 
@@ -254,12 +254,14 @@ def test_cases(name, case_path):
     assert segments.n_segments == count
     assert (segments.components == 1).all()
     off = np.abs(segments.areas / (scene.area / count) - 1)
+    if miss is None:
+        miss = scene.face_areas.max() / (scene.area / count)
     assert off.max() <= miss + 1e-6
 
 
 def test_needles(case_path):
     with np.load(case_path("needle_scaled.npz")) as arrays:
-        surface = pa.Surface(arrays["vertices"], arrays["faces"])
+        surface = pa.Surface(arrays["v"], arrays["f"])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pa.QualityWarning)
         tree = pa.segment(surface, 3)

@@ -218,4 +218,5 @@ def _inherited_costs(surface: Surface, faces: Ints, origin: Ints, forward: Any) 
 def _without(forward: Any, faces: Ints, corner: Ints) -> Bools:
     """Whether the corners of faces have no weight of an input vertex each."""
     weights = forward[faces.reshape(-1), np.repeat(corner, 3)]
-    return np.asarray(weights).reshape(-1, 3) == 0
+    without: Bools = np.asarray(weights).reshape(-1, 3) == 0
+    return without
