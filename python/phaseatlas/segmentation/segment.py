@@ -39,11 +39,10 @@ from .whole import n_units
 
 __all__ = ["segment"]
 
-# Default limit on the steps of a stage on a refined surface, more than most take: a few slivers
-# make it stiff, and whole faces do not show the difference.
-_STEPS = 300
-# A refined surface with a triangle of less quality takes one start instead of eight.
+# A refined surface with a triangle of less quality is stiff: by default it takes one start instead
+# of eight, and so many steps a stage. Whole faces do not show the difference.
 _STIFF = 1e-3
+_STEPS = 500
 # Sharp segments whose areas miss their shares by more than this part are said to.
 _SHARP_MISS = 0.01
 
@@ -272,11 +271,14 @@ def _solved(
 
 def _quick(options: Options, step: Transfer) -> Options:
     """Less work by default where a refined surface is stiff, and shows little of what it gains."""
-    if step.origin_face is None or options.max_iterations != Options.max_iterations:
-        return options
     stiff = float(step.target.face_quality.min()) < _STIFF
-    initial: Initial = "random" if stiff and options.initial == "auto" else options.initial
-    return replace(options, max_iterations=_STEPS, initial=initial)
+    by_default = (options.max_iterations, options.initial) == (
+        Options.max_iterations,
+        Options.initial,
+    )
+    if stiff and by_default and step.origin_face is not None:
+        return replace(options, max_iterations=_STEPS, initial="random")
+    return options
 
 
 def _forward(
