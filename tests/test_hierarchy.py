@@ -771,7 +771,7 @@ def test_widths_below_the_triangles_are_said():
 
 def test_sharp_areas_that_miss_their_shares_are_said():
     with pytest.warns(pa.QualityWarning, match="areas: sharp segment .* misses its share by"):
-        pa.segment(pa.datasets.icosphere(1), 3)
+        pa.segment(pa.datasets.icosphere(0), 3)
 
 
 def test_surfaces_with_boundary_and_handles():
