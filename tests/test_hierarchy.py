@@ -763,14 +763,15 @@ def test_diagnostics_say_why_and_how_long(star):
     assert record.status == "step_limit"
 
 
-def test_widths_below_the_triangles_are_said(small):
+def test_widths_below_the_triangles_are_said():
+    sphere = pa.datasets.icosphere(3)
     with pytest.warns(pa.QualityWarning, match="epsilon: .* is below the mean edge length"):
-        pa.segment(small, 1, epsilon=0.9 * small.mean_edge_length, connected=False)
+        pa.segment(sphere, 1, epsilon=0.9 * sphere.mean_edge_length, connected=False)
 
 
 def test_sharp_areas_that_miss_their_shares_are_said():
     with pytest.warns(pa.QualityWarning, match="areas: sharp segment .* misses its share by"):
-        pa.segment(pa.datasets.icosphere(1), 3)
+        pa.segment(pa.datasets.icosphere(0), 3)
 
 
 def test_surfaces_with_boundary_and_handles():

@@ -11,19 +11,30 @@ from .refine import count_refined, refine
 from .surface import Surface
 from .transfer import Transfer
 
-__all__ = ["carry_labels", "working_surface"]
+__all__ = ["carry_labels", "needles", "working_surface"]
 
 # A surface is coarse where faces longer than this part of the root of a segment's area make up
 # more than this part of its area: the default interface would be as wide as half a segment.
 _LONG = 0.2
 _COARSE_AREA = 0.05
-# Longest edge of a refined surface, in roots of a segment's area: 8 segments get some 8,000 faces.
-_EDGE = 1 / 14
-# Refined surfaces have about so many faces at most, and simplified ones so many. A surface with
-# more faces than the third is fine.
+# Longest edge of a refined surface, in roots of a segment's area: 8 segments get some 5,000 faces,
+# or 2,000 where a segment has so few faces of the input that they decide more than the field.
+_EDGE = 1 / 12
+_ROUGH_EDGE = 1 / 8
+_FEW_FACES = 64
+# Refined surfaces have about so many faces at most: those of few segments, and those of many. Only
+# needles and many segments need as many.
+_MOST_OF_FEW = 12_000
+_MOST_A_SEGMENT = 600
 _MOST_REFINED = 40_000
+# Faces of a simplified surface, and of a surface that is fine.
 _KEPT = 40_000
 _FINE = 100_000
+# Triangles of quality below the first are needles; on a surface with more than the second part of
+# its area in them a field takes minutes. They are left where the input's are less than a sixth as
+# wide as a refined edge.
+_THIN = 0.3
+_THIN_AREA = 0.5
 # Edges are longer by this factor until a refined surface is small enough.
 _LONGER = 1.2
 
@@ -56,16 +67,21 @@ def working_surface(
             surface = step.target
     length = (surface.area / n_segments) ** 0.5
     if _coarse(surface, length):
-        longest = _EDGE * length if epsilon is None else min(_EDGE * length, epsilon / 2)
-        while count_refined(surface, longest) > _MOST_REFINED and longest < _LONG * length:
+        few = surface.n_faces < _FEW_FACES * n_segments
+        longest = (_ROUGH_EDGE if few else _EDGE) * length
+        if epsilon is not None:
+            longest = min(longest, epsilon / 2)
+        most = min(max(_MOST_OF_FEW, _MOST_A_SEGMENT * n_segments), _MOST_REFINED)
+        while count_refined(surface, longest) > most and longest < _LONG * length:
             longest *= _LONGER
         steps.append(refine(surface, longest))
-        # Needles stay needles when they are split; a simplified surface has none.
-        if steps[-1].target.n_faces > 2 * _MOST_REFINED:
-            step = coarsen(steps[-1].target, _MOST_REFINED)
-            if step is not None:
-                steps.append(step)
     return tuple(steps)
+
+
+def needles(surface: Surface) -> bool:
+    """Whether much of a surface is of triangles too thin for a field to be worth its time."""
+    thin = surface.face_quality < _THIN
+    return bool(surface.face_areas[thin].sum() > _THIN_AREA * surface.area)
 
 
 def carry_labels(steps: tuple[Transfer, ...], labels: Ints) -> Ints:

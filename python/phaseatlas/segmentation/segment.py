@@ -18,7 +18,7 @@ from ..optimise import AreaConstraint, Solver, Status
 from ..scene.scene import Scene
 from ..surface import Surface
 from ..transfer import Transfer
-from ..working import working_surface
+from ..working import needles, working_surface
 from .back import carried_back, with_whole_polygons
 from .bisect import bisect
 from .halfway import halfway
@@ -39,6 +39,10 @@ from .whole import n_units
 
 __all__ = ["segment"]
 
+# A refined surface with a triangle of less quality is stiff: by default it takes one start instead
+# of eight, and so many steps a stage. Whole faces do not show the difference.
+_STIFF = 1e-3
+_STEPS = 500
 # Sharp segments whose areas miss their shares by more than this part are said to.
 _SHARP_MISS = 0.01
 
@@ -201,7 +205,8 @@ def _tree(
     steps = working_surface(surface, len(parts), options.epsilon, simplify=options.coarse)
     if steps:
         initial = _forward(steps, surface, initial)
-        found = _solved(steps[-1].target, parts, options, initial, executor, progress)
+        target, quick = steps[-1].target, _quick(options, steps[-1])
+        found = _solved(target, parts, quick, initial, executor, progress, refined=True)
         tree = carried_back(found, steps, options)
     else:
         tree = with_whole_polygons(_solved(surface, parts, options, initial, executor, progress))
@@ -216,6 +221,8 @@ def _solved(
     initial: Initial | ArrayLike,
     executor: Executor | None,
     progress: Report | None,
+    *,
+    refined: bool = False,
 ) -> SegmentTree:
     """Cut a surface itself."""
     widths = options.widths(surface)
@@ -230,6 +237,7 @@ def _solved(
     split, ways = children(nodes), paths(nodes)
     starts = _given_fields(surface, list(split), initial)
     unit = surface.scaled(1 / length)
+    thin = refined and needles(surface)
     owner = np.zeros(surface.n_faces, dtype=np.int64)
     indicators: dict[int, Floats | None] = {0: None}
     for level in range(max(map(len, ways))):
@@ -245,7 +253,7 @@ def _solved(
             )
             for k in splitting
         ]
-        done = _run(work, options, widths, executor, progress)
+        done = _run(work, options, widths, executor, progress, thin)
         for k, node, found in zip(splitting, work, done, strict=True):
             diagnostics = replace(found.diagnostics, length=found.diagnostics.length * length)
             nodes[k] = replace(nodes[k], field=found.u, diagnostics=diagnostics)
@@ -259,6 +267,18 @@ def _solved(
     leaves = front(nodes, len(nodes))
     number[leaves] = np.arange(len(leaves))
     return SegmentTree(surface, widths.epsilon * length, widths.delta, tuple(nodes), number[owner])
+
+
+def _quick(options: Options, step: Transfer) -> Options:
+    """Less work by default where a refined surface is stiff, and shows little of what it gains."""
+    stiff = float(step.target.face_quality.min()) < _STIFF
+    by_default = (options.max_iterations, options.initial) == (
+        Options.max_iterations,
+        Options.initial,
+    )
+    if stiff and by_default and step.origin_face is not None:
+        return replace(options, max_iterations=_STEPS, initial="random")
+    return options
 
 
 def _forward(
@@ -335,12 +355,13 @@ def _run(
     widths: Widths,
     executor: Executor | None,
     progress: Report | None,
+    thin: bool,
 ) -> list[Split]:
     # Set here too: limits that overlapping threads set and reset would undo one another.
     with threadpool_limits(1, user_api="blas"):
         if executor is None:
-            return [_bisect(node, options, widths, progress) for node in nodes]
-        futures = [executor.submit(_bisect, node, options, widths) for node in nodes]
+            return [_bisect(node, options, widths, thin, progress) for node in nodes]
+        futures = [executor.submit(_bisect, node, options, widths, thin) for node in nodes]
         splits = []
         try:
             for node, future in zip(nodes, futures, strict=True):
@@ -355,13 +376,19 @@ def _run(
         return splits
 
 
-def _bisect(node: Node, options: Options, widths: Widths, progress: Report | None = None) -> Split:
+def _bisect(
+    node: Node, options: Options, widths: Widths, thin: bool, progress: Report | None = None
+) -> Split:
     """Split a node by a phase field; by default half way between its ends where that fails."""
+    by_default = options.connected and options.epsilon is None and options.area == "lagrangian"
+    if by_default and thin and node.start is None:
+        found = halfway(node, options, widths, f"{node.name}: most triangles are needles")
+        if found is not None:
+            return found
     try:
         return bisect(node, options, widths, progress)
     except (CollapsedError, DisconnectedError) as error:
-        by_default = options.connected and options.epsilon is None and options.area == "lagrangian"
-        found = halfway(node, options, widths, str(error)) if by_default else None
+        found = halfway(node, options, widths, str(error).split(";")[0]) if by_default else None
         if found is None:
             raise
         return found
@@ -377,8 +404,7 @@ def _warn(tree: SegmentTree, options: Options) -> None:
     for d in tree.diagnostics:
         if d.fallback:
             quality.warn(
-                f"level {d.level + 1}, node {d.node}: split half way between its ends, for the "
-                f"phase field failed: {d.fallback}"
+                f"{d.fallback}: it was split half way between its ends, without a phase field"
             )
         elif not d.converged:
             quality.warn(_unconverged(d))

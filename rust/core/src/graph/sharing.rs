@@ -175,7 +175,46 @@ pub fn share_out(
         work.push((positive, first));
         work.push((negative, second));
     }
+    fill_leaves(units, shares.len(), &mut leaf);
     leaf
+}
+
+/// Gives each leaf without a unit one of those of the leaf with most, which stay connected.
+fn fill_leaves(units: &Units<'_>, n_leaves: usize, leaf: &mut [u32]) {
+    let mut members = vec![Vec::new(); n_leaves];
+    for (u, &l) in leaf.iter().enumerate() {
+        members[l as usize].push(u);
+    }
+    for empty in 0..n_leaves {
+        if !members[empty].is_empty() {
+            continue;
+        }
+        let largest = (0..n_leaves).fold(0, |best, l| {
+            if members[l].len() > members[best].len() {
+                l
+            } else {
+                best
+            }
+        });
+        if members[largest].len() < 2 {
+            return;
+        }
+        // The last unit of a search: without it the others connect.
+        let mut reached = vec![members[largest][0]];
+        let mut next = 0;
+        while next < reached.len() {
+            for (v, _) in units.around(reached[next]) {
+                if leaf[v] as usize == largest && !reached.contains(&v) {
+                    reached.push(v);
+                }
+            }
+            next += 1;
+        }
+        let last = reached[reached.len() - 1];
+        leaf[last] = empty as u32;
+        members[largest].retain(|&u| u != last);
+        members[empty].push(last);
+    }
 }
 
 /// All ways to share few units out, by their sets of bits.
@@ -263,6 +302,13 @@ impl<'a> Exhaustive<'a> {
 
     /// The least merit of a set for a run, and its part for the first child.
     fn solve(&mut self, set: u32, run: Run) -> (Merit, u32) {
+        if set == 0 {
+            let merit = Merit {
+                missing: run.len() as f64,
+                ..Merit::default()
+            };
+            return (merit, set);
+        }
         let Some(&middle) = self.middles.get(&run) else {
             let area = bits(set).map(|k| self.areas[k]).sum();
             let covered: f64 = bits(set).map(|k| self.covered[k][run.start]).sum();
@@ -285,28 +331,34 @@ impl<'a> Exhaustive<'a> {
             end: run.end,
         };
         let mut best: Option<(Merit, u32)> = None;
-        let mut first = set;
-        while first != 0 {
-            let second = set & !first;
-            if first.count_ones() as usize >= first_run.len()
-                && second.count_ones() as usize >= second_run.len()
-                && self.connects(first)
-                && self.connects(second)
-            {
-                let here = Merit {
-                    seam: self.seam(first, second),
-                    ..Merit::default()
-                };
-                let merit = here
-                    .plus(self.solve(first, first_run).0)
-                    .plus(self.solve(second, second_run).0);
-                if best.is_none_or(|(least, _)| merit.better_than(least)) {
-                    best = Some((merit, first));
+        // A star of four units has no two connected halves of two: then leaves are left without.
+        for enough in [true, false] {
+            let mut first = set;
+            loop {
+                let second = set & !first;
+                let short = (first.count_ones() as usize) < first_run.len()
+                    || (second.count_ones() as usize) < second_run.len();
+                if !(enough && short) && self.connects(first) && self.connects(second) {
+                    let here = Merit {
+                        seam: self.seam(first, second),
+                        ..Merit::default()
+                    };
+                    let merit = here
+                        .plus(self.solve(first, first_run).0)
+                        .plus(self.solve(second, second_run).0);
+                    if best.is_none_or(|(least, _)| merit.better_than(least)) {
+                        best = Some((merit, first));
+                    }
                 }
+                if first == 0 {
+                    break;
+                }
+                first = (first - 1) & set;
             }
-            first = (first - 1) & set;
+            if best.is_some() {
+                break;
+            }
         }
-        // A connected set of enough units always has such a split: cut a spanning tree.
         let found = best.unwrap_or((Merit::default(), set));
         self.best.insert((set, run), found);
         found
@@ -319,6 +371,9 @@ impl<'a> Exhaustive<'a> {
             }
             return;
         };
+        if set == 0 {
+            return;
+        }
         let (_, first) = self.solve(set, run);
         self.assign(
             first,
