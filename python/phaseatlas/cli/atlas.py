@@ -90,7 +90,13 @@ def atlas(
         partitioned(scene, **ways) if levels is None else segmented(scene, levels, **ways)
     )
     method = flatten or ("bff" if levels is not None else "isometric")
-    charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
+    charts = build_atlas(
+        segmentation,
+        flatten=method,
+        padding=padding,
+        resolution=resolution,
+        overlap=texture is not None,
+    )
     image = None if texture is None else charts.bake(picture, resolution=resolution)
     for note in document.save(output, scene.corners(charts.uv), image=image, uv_set=uv_set):
         say(f"note: {note}")

@@ -1,9 +1,13 @@
 //! What the partition asks of a surface, per half-edge, on a copy of unit area.
 
 use crate::error::Result;
+use crate::linear::Ordering;
 use crate::mesh::{NONE, distance};
-use crate::operators::Stiffness;
+use crate::operators::{DirichletSystem, Stiffness};
 use crate::surface::Surface;
+
+/// Faces above which the order of elimination is the one that is found soonest.
+const FINE: usize = 200_000;
 
 /// A surface scaled to unit area. Half-edge `3 f + k` runs from corner `k` of face `f` to the next.
 /// Vertices are numbered by an elimination order of little fill. The order stays good on any subset,
@@ -94,7 +98,12 @@ impl Geometry {
             centroids.push([0, 1, 2].map(|axis| (p[0][axis] + p[1][axis] + p[2][axis]) / 3.0));
         }
         let adjacency = mesh.adjacency();
-        let symbolic = surface.dirichlet_system()?.symbolic();
+        // So fine a surface gets charts that have been found on a simpler one: few factors are made.
+        let symbolic = if mesh.n_faces() > FINE {
+            DirichletSystem::new(mesh, Ordering::MinimumDegree)?.symbolic()
+        } else {
+            surface.dirichlet_system()?.symbolic()
+        };
         let order = symbolic.order();
         let mut ranks = vec![0_u32; n];
         for (rank, &v) in (0..).zip(order) {
