@@ -42,8 +42,8 @@ _BATCH = 4
 _CELLS = 60
 # Width of the first bands around boundaries that come from a simplified surface, in mean edges.
 _REACH = 1.5
-# The same around boundaries that are at rest there, in mean edges of the simplified surface, and the
-# exact energies that a sweep asks for at each boundary, at most.
+# The same around boundaries that are at rest there, in mean edges of the simplified surface, and
+# the exact energies that a sweep asks for at each boundary, at most.
 _CARRY = 0.75
 _TRIES = 1
 # Rounds of relaxing and merging, sweeps in each, and the gain that is worth another round.
@@ -54,8 +54,7 @@ _WORTH = 1e-3
 # those on a surface whose boundaries have come to rest on a simplified one.
 _SWEPT = 1_600_000
 _SWEPT_AGAIN = 400_000
-# Faces up to which charts that overlap themselves are sought on the surface itself, and merged again
-# once they are split.
+# Faces above which overlaps are sought and mended on the next coarser surface first.
 _REPAIRED = 200_000
 # Rounds of splitting charts that overlap themselves.
 _REPAIRS = 12
@@ -257,13 +256,11 @@ def _charts(
         labels = cores[k - 1].labels()[levels[k].parents]
         if levels[k].carried:
             if k == len(levels) - 1 and surface.n_faces > _REPAIRED:
+                # So that few charts fail where a repair takes long.
                 _repair(cores[k - 1], levels[k - 1].surface, log)
-                cores[k].forbid_overlap()
             _carry(cores[k], levels[k - 1 : k + 1], labels, log)
         else:
             _refine(cores[k], levels[k].surface, labels, log)
-    if surface.n_faces > _REPAIRED:
-        return _split(cores[-1], surface, log)
     return _repair(cores[-1], surface, log)
 
 
@@ -279,21 +276,6 @@ def _carry(core: _core.Partition, levels: Sequence[Level], labels: Ints, log: Lo
         if not more:
             break
     log.close(log.note("refine", surface, core))
-
-
-def _split(core: _core.Partition, surface: Surface, log: Log) -> Phase:
-    """See to it that no chart overlaps itself, where few do."""
-    for k in range(_REPAIRS):
-        if log.note("repair", surface, core).n_overlapping == 0:
-            break
-        core.look_at_failing()
-        core.sweep()
-        if core.split_failing(2 + k // 2) == 0:
-            break
-    core.resize_tiny()
-    last = log.note("repair", surface, core)
-    log.close(last)
-    return last
 
 
 def _perturbations(effort: Effort, surface: Surface) -> int:

@@ -94,10 +94,6 @@ impl Partition {
         detached(py, || self.core.forbid_overlap())
     }
 
-    fn look_at_failing(&mut self, py: Python<'_>) -> PyResult<()> {
-        detached(py, || self.core.look_at_failing())
-    }
-
     fn split_failing(&mut self, py: Python<'_>, count: usize) -> PyResult<usize> {
         detached(py, || self.core.split_failing(count))
     }

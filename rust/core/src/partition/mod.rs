@@ -237,12 +237,6 @@ impl Partition {
         }
     }
 
-    /// The next sweep moves the boundaries of those charts alone that cost infinitely much.
-    pub fn look_at_failing(&mut self) {
-        let failing = repair::failing(self.charts(), &self.rule);
-        self.memory.active = Some(failing.into_iter().collect());
-    }
-
     /// Splits the charts that cost infinitely much in about `count` parts; how many there were.
     pub fn split_failing(&mut self, count: usize) -> usize {
         self.memory.clear();

@@ -36,7 +36,7 @@ pub(super) fn split_failing(
     bad.len()
 }
 
-pub(super) fn failing(charts: &Charts, rule: &Rule) -> Vec<u32> {
+fn failing(charts: &Charts, rule: &Rule) -> Vec<u32> {
     (0..)
         .zip(&charts.charts)
         .filter(|(_, chart)| !rule.cost(&chart.terms).is_finite())
