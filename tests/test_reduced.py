@@ -76,8 +76,8 @@ def test_result_is_the_same_each_time():
 
 
 def test_a_fine_surface_gets_charts_that_are_disks():
-    surface = generated.blob(6, 6, 1.0, 3)
-    assert surface.n_faces > 80_000
+    surface = generated.blob(7, 6, 1.0, 3)
+    assert surface.n_faces > 300_000
     partition = pa.partition(surface, effort="fast")
     last = partition.diagnostics[-1]
     assert last.n_faces == surface.n_faces

@@ -13,8 +13,9 @@ __all__ = ["Level", "levels_of"]
 # Faces of the coarsest surface, and of a surface against those of the next coarser one.
 _FEWEST = 4000
 _RATIO = 4
-# Faces above which charts are not sought on a surface but carried to it, and where they come from.
-_FINE = 40_000
+# Faces above which a surface gets charts carried to it; up to there sweeps on the surface itself find
+# better ones in less time. And the faces of the surfaces on which they are sought.
+_FINE = 100_000
 _SOUGHT = 16_000
 # Faces of a surface against those of the one that its charts are carried from, at most: the bands
 # of the cuts are as wide as the edges there.
@@ -48,7 +49,8 @@ def levels_of(surface: Surface) -> list[Level]:
     surface : Surface
     """
     found: list[Level] = []
-    while surface.n_faces > _FINE:
+    fine = surface.n_faces > _FINE
+    while fine and surface.n_faces > 2 * _SOUGHT:
         n_faces = max(_SOUGHT, surface.n_faces // _WIDEST)
         coarse, parents = reduced(surface, n_faces)
         # Of many handles and borders too many faces are left.
