@@ -13,8 +13,8 @@ __all__ = ["Level", "levels_of"]
 # Faces of the coarsest surface, and of a surface against those of the next coarser one.
 _FEWEST = 4000
 _RATIO = 4
-# Faces above which a surface gets charts carried to it; up to there sweeps on the surface itself find
-# better ones in less time. And the faces of the surfaces on which they are sought.
+# Faces above which a surface gets charts carried to it; up to there sweeps on the surface itself
+# find better ones in less time. And the faces of the surfaces on which they are sought.
 _FINE = 100_000
 _SOUGHT = 16_000
 # Faces of a surface against those of the one that its charts are carried from, at most: the bands
