@@ -14,11 +14,12 @@ import fast_simplification
 import numpy as np
 import scipy.sparse
 
+from . import _core
 from .arrays import Ints
 from .surface import Surface
-from .transfer import Transfer
+from .transfer import NORMALS, Transfer
 
-__all__ = ["coarsen"]
+__all__ = ["coarsen", "reduced"]
 
 # Faces to keep, relative to what is asked for, whether to leave the boundary alone, and how eagerly
 # to collapse: what is tried until it gives a surface. Handles thinner than the new edges break it.
@@ -71,6 +72,29 @@ def coarsen(surface: Surface, n_faces: int | None = None) -> Transfer | None:
             continue
         return _transfer(surface, coarse, used, collapsed_to)
     return None
+
+
+def reduced(surface: Surface, n_faces: int) -> tuple[Surface, Ints]:
+    """Simplify a fine surface to one of the same topology, in time that is linear in its size.
+
+    Edges collapse, the cheapest first, where the links of their ends allow it; more faces are left
+    where too few edges can.
+
+    Parameters
+    ----------
+    surface : Surface
+        With m faces.
+    n_faces : int
+        Faces to keep.
+
+    Returns
+    -------
+    simplified : Surface
+    parents : (m,) array of int
+        Its face for each face of the given one, as `Transfer.parent_face`, sought nearby.
+    """
+    simplified, collapsed_to = surface.simplified(n_faces)
+    return simplified, _core.parents(surface._mesh, simplified._mesh, collapsed_to, NORMALS)
 
 
 def _transfer(surface: Surface, coarse: Surface, used: Ints, collapsed_to: Ints) -> Transfer:

@@ -310,6 +310,19 @@ class Surface:
         costs = np.ascontiguousarray(seam_costs, dtype=np.float64)
         return _accepted(self.vertices, self.faces, costs)
 
+    def simplified(self, n_faces: int) -> tuple[Surface, NDArray[np.uint32]]:
+        """Collapse edges until so many faces are left, or more where none can go.
+
+        Returns
+        -------
+        Surface
+            Of the same genus, with the same boundary loops.
+        (n,) array of uint32
+            Its vertex that each vertex has collapsed to.
+        """
+        vertices, faces, collapsed_to = _core.simplify(self._mesh, n_faces)
+        return _accepted(vertices, faces), collapsed_to
+
     def submesh(self, faces: Ints | Bools) -> tuple[Surface, Ints]:
         """Return some of the faces as a surface, and its vertices as vertices of this one.
 

@@ -12,11 +12,11 @@ from .arrays import Floats, Ints
 from .points import SurfacePoints
 from .surface import Surface
 
-__all__ = ["Transfer"]
+__all__ = ["NORMALS", "Transfer"]
 
 # Weight of the unit normals against the centroids, in roots of the area, where the nearest face is
 # sought: the two sides of a thin part are apart.
-_NORMALS = 0.05
+NORMALS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,4 +110,4 @@ def _places(surface: Surface, scale: float) -> Floats:
     corners = surface.vertices[surface.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + np.finfo(float).tiny
-    return np.hstack([scale * corners.mean(axis=1), _NORMALS * normals])
+    return np.hstack([scale * corners.mean(axis=1), NORMALS * normals])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +21,7 @@ from ..scene.obj import obj
 from ..segmentation import SceneSegmentation, Segmentation, SegmentTree
 from .bake import Texture, bake, blend_vertices, checker
 from .charts import Chart, Layout
-from .domains import blending_weights, domains, piece_domain, pieces, split
+from .domains import blending_weights, domains, piece_domain, pieces, sharp_weights, split
 from .flatten import FLATTENINGS, Flattening, Map, chart, flatten, spread
 from .metrics import CURE, Flaws, atlas_metrics, flaws
 from .packing import check_packing, pack
@@ -147,6 +147,7 @@ def build_atlas(
     threshold: float | None = None,
     padding: int = 4,
     resolution: int = 1024,
+    overlap: bool = True,
 ) -> Atlas:
     """Flatten the overlapping domains of the leaves and pack their sharp parts.
 
@@ -181,6 +182,10 @@ def build_atlas(
         Least distance of the packed charts, in texels.
     resolution : int, default 1024
         Side in texels of the texture that the padding refers to.
+    overlap : bool, default True
+        Whether isometric charts get faces of their neighbours attached, for textures that blend.
+        Where none is baked that is time lost, and the layout is the same without. Other maps are
+        those of overlapping domains.
 
     Returns
     -------
@@ -204,7 +209,7 @@ def build_atlas(
     count = segmentation.n_segments
     if threshold is not None and not 0 <= threshold < 1 / count:
         raise ValueError(f"threshold: {threshold} must be in [0, 1 / {count})")
-    charts, n_split = _charts(segmentation, threshold, flatten)
+    charts, n_split = _charts(segmentation, threshold, flatten, overlap)
     if n_split:
         quality.warn(
             f"charts: {n_split} had to be split, as their maps turned faces over or covered points "
@@ -218,7 +223,10 @@ def build_atlas(
 
 
 def _charts(
-    segmentation: Segmentation, threshold: float | None, method: Flattening | None
+    segmentation: Segmentation,
+    threshold: float | None,
+    method: Flattening | None,
+    overlap: bool,
 ) -> tuple[tuple[Chart, ...], int]:
     """Charts of all segments, and how many had to be split.
 
@@ -229,20 +237,28 @@ def _charts(
         method = "isometric" if isinstance(segmentation, Partition) else "bff"
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         if isinstance(segmentation, SceneSegmentation):
-            done = pool.map(lambda part: _charts(part, threshold, method), segmentation.parts)
+            done = pool.map(
+                lambda part: _charts(part, threshold, method, overlap), segmentation.parts
+            )
             return _of_scene(segmentation, list(done))
         count = segmentation.n_segments
         thresholds: tuple[float, ...] = (min(0.02, 0.5 / count), *_NARROWER)
         if threshold is not None:
             thresholds = (threshold,)
+        overlap = overlap or method != "isometric"
         found = list(
             pool.map(
-                lambda segment: _maps(segmentation, segment, thresholds, method or "bff"),
+                lambda segment: _maps(segmentation, segment, thresholds, method or "bff", overlap),
                 range(count),
             )
         )
     maps = [mapped for of_segment, _ in found for mapped in of_segment]
-    weights = blending_weights(segmentation, [mapped.domain for mapped in maps])
+    of_maps = [mapped.domain for mapped in maps]
+    weights: Iterable[Floats]
+    if overlap:
+        weights = blending_weights(segmentation, of_maps)
+    else:
+        weights = [sharp_weights(segmentation.surface, of_maps)] * len(maps)
     charts = tuple(chart(mapped, weight) for mapped, weight in zip(maps, weights, strict=True))
     return charts, sum(n_split for _, n_split in found)
 
@@ -268,7 +284,11 @@ def _of_scene(
 
 
 def _maps(
-    segmentation: Segmentation, segment: int, thresholds: Sequence[float], method: Flattening
+    segmentation: Segmentation,
+    segment: int,
+    thresholds: Sequence[float],
+    method: Flattening,
+    overlap: bool,
 ) -> tuple[list[Map], int]:
     """Bijections of the labelled faces of a segment, and how many charts were split for them."""
     parts = pieces(segmentation, segment)
@@ -276,12 +296,13 @@ def _maps(
         maps = _widest(segmentation, segment, thresholds, method)
         if maps is not None:
             return maps, 0
-    found = [_alone(segmentation, segment, part, thresholds[0], method) for part in parts]
+    threshold = thresholds[0] if overlap else None
+    found = [_alone(segmentation, segment, part, threshold, method) for part in parts]
     return [mapped for maps in found for mapped in maps], sum(len(maps) > 1 for maps in found)
 
 
 def _flat_with_holes(segmentation: Segmentation, piece: Ints) -> bool:
-    domain = piece_domain(segmentation, 0, piece, None)
+    domain = piece_domain(segmentation, 0, piece, None, weighted=False)
     return domain.disk.n_boundary_loops > 1
 
 
@@ -310,19 +331,28 @@ def _widest(
 
 
 def _alone(
-    segmentation: Segmentation, segment: int, piece: Ints, threshold: float, method: Flattening
+    segmentation: Segmentation,
+    segment: int,
+    piece: Ints,
+    threshold: float | None,
+    method: Flattening,
 ) -> list[Map]:
-    """Map the faces of a piece by themselves, split until all maps are bijections."""
+    """Map the faces of a piece by themselves, split until all maps are bijections.
+
+    Faces are attached, and there are weights, where a threshold is given.
+    """
     surface = segmentation.surface
     maps = []
     waiting = [piece]
     while waiting:
         piece = waiting.pop()
-        domain = piece_domain(segmentation, segment, piece, threshold)
-        # What cannot be attached is left out.
-        mapped = flatten(domain, method, surface) or flatten(
-            piece_domain(segmentation, segment, piece, None), method, surface
+        domain = piece_domain(
+            segmentation, segment, piece, threshold, weighted=threshold is not None
         )
+        mapped = flatten(domain, method, surface)
+        if mapped is None and threshold is not None:
+            # What cannot be attached is left out.
+            mapped = flatten(piece_domain(segmentation, segment, piece, None), method, surface)
         if mapped is not None:
             maps.append(mapped)
         elif len(piece) > 1:

@@ -9,9 +9,10 @@ import numpy as np
 from .. import _core
 from ..arrays import Bools, Floats, Ints
 from ..segmentation import Segmentation
+from ..surface import Surface
 from .charts import Domain
 
-__all__ = ["blending_weights", "domains", "piece_domain", "pieces", "split"]
+__all__ = ["blending_weights", "domains", "piece_domain", "pieces", "sharp_weights", "split"]
 
 # Weight of the distortion in the choice of a split, the default of `partition`.
 _DISTORTION = 600.0
@@ -69,7 +70,12 @@ def pieces(segmentation: Segmentation, segment: int) -> list[Ints]:
 
 
 def piece_domain(
-    segmentation: Segmentation, segment: int, piece: Ints, threshold: float | None
+    segmentation: Segmentation,
+    segment: int,
+    piece: Ints,
+    threshold: float | None,
+    *,
+    weighted: bool = True,
 ) -> Domain:
     """Domain of a piece of a segment, with faces around it attached to the disk of the piece.
 
@@ -85,11 +91,15 @@ def piece_domain(
         Connected faces of the segment, sorted.
     threshold : float, optional
         Of the weight of the faces to attach, at least 0; by default there are none.
+    weighted : bool, default True
+        Whether the domain is to have the weight of the segment, else it has 1 everywhere.
     """
     surface = segmentation.surface
     labelled = np.zeros(surface.n_faces, dtype=np.bool_)
     labelled[piece] = True
-    weight = np.maximum(segmentation.weight(segment) - (threshold or 0.0), 0)
+    weight: Floats = np.broadcast_to(1.0, surface.n_vertices)
+    if weighted or threshold is not None:
+        weight = np.maximum(segmentation.weight(segment) - (threshold or 0.0), 0)
     around = np.zeros_like(labelled)
     if threshold is not None:
         # Of other pieces of the segment only what is next to this one.
@@ -143,6 +153,17 @@ def _inside(segmentation: Segmentation, labelled: Bools, weight: Floats) -> Bool
     across = surface.face_neighbours[labelled]
     inside[across[across >= 0]] = True
     return inside
+
+
+def sharp_weights(surface: Surface, found: Sequence[Domain]) -> Floats:
+    """Weights of domains that do not overlap, the same for all, (n,).
+
+    A vertex belongs in equal parts to all domains that it lies in.
+    """
+    counts = np.zeros(surface.n_vertices)
+    for domain in found:
+        counts[np.unique(domain.vertices)] += 1
+    return 1 / np.maximum(counts, 1)
 
 
 def blending_weights(segmentation: Segmentation, found: Sequence[Domain]) -> Floats:

@@ -112,7 +112,13 @@ def atlas(
     with warnings.catch_warnings():
         # What is wrong with the layout is said below.
         warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
-        charts = build_atlas(segmentation, flatten=method, padding=padding, resolution=resolution)
+        charts = build_atlas(
+            segmentation,
+            flatten=method,
+            padding=padding,
+            resolution=resolution,
+            overlap=texture is not None,
+        )
     corners = scene.corners(charts.uv)
     try:
         check_layout(scene, corners, charts, even=levels is None)

@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..arrays import Ints
-from ..coarsen import coarsen
 from ..quality import warn
 from ..scene.scene import Scene
-from ..segmentation import SceneSegmentation, Segmentation, StoppedError
+from ..segmentation import SceneSegmentation, Segmentation
 from ..surface import Surface
-from ..transfer import Transfer
+from .levels import Level, levels_of
+from .phases import Log, Phase
 
 __all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 
@@ -38,61 +38,30 @@ _PERTURBATIONS: dict[Effort, int] = {"fast": 8, "normal": 32, "best": 160}
 _SMALL = 500
 # Perturbations between two looks at the clock and the keyboard.
 _BATCH = 4
-# Faces of the surface of the first phases, and its first cells.
-_COARSE_FACES = 4000
+# Cells of the first phase.
 _CELLS = 60
-# Faces of a surface against those of the next coarser one.
-_RATIO = 4
 # Width of the first bands around boundaries that come from a simplified surface, in mean edges.
 _REACH = 1.5
+# The same around boundaries that are at rest there, in mean edges of the simplified surface, and
+# the exact energies that a sweep asks for at each boundary, at most.
+_CARRY = 0.75
+_TRIES = 1
 # Rounds of relaxing and merging, sweeps in each, and the gain that is worth another round.
 _ROUNDS = 3
 _SWEEPS = 16
 _WORTH = 1e-3
-# Faces that the sweeps of a round look at together: a million takes about 10 s of CPU time.
+# Faces that the sweeps of a round look at together: a million takes about 10 s of CPU time; and
+# those on a surface whose boundaries have come to rest on a simplified one.
 _SWEPT = 1_600_000
+_SWEPT_AGAIN = 400_000
+# Faces above which overlaps are sought and mended on the next coarser surface first.
+_REPAIRED = 200_000
 # Rounds of splitting charts that overlap themselves.
 _REPAIRS = 12
 # Weights of the distortion between which bounds are met, steps of the bisection, attempts at it.
 _WEIGHTS = (1e-2, 1e6)
 _BISECTIONS = 10
 _ATTEMPTS = 8
-
-
-@dataclass(frozen=True)
-class Phase:
-    """Figures of a partition after a phase of its making.
-
-    Attributes
-    ----------
-    name : str
-        What was done: "cells", "merge", "relax", "perturb", "refine", "repair".
-    n_faces : int
-        Faces of the surface that it was done on; the first phases work on a simplified one.
-    energy : float
-    seam, cuts : float
-        Lengths between charts and of the cuts that open them, in roots of the area.
-    distortion : float
-        Mean squared log scale of the boundary-first maps.
-    n_charts : int
-    n_overlapping : int
-        Charts whose map is known to cover a point twice or to turn a face over.
-    smallest : float
-        Area of the smallest chart, relative to the surface.
-    seconds : float
-        Since the start.
-    """
-
-    name: str
-    n_faces: int
-    energy: float
-    seam: float
-    cuts: float
-    distortion: float
-    n_charts: int
-    n_overlapping: int
-    smallest: float
-    seconds: float
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -118,36 +87,6 @@ class Partition(Segmentation):
     ) -> None:
         super().__init__(surface, labels, weights, epsilon=epsilon)
         object.__setattr__(self, "diagnostics", diagnostics)
-
-
-@dataclass(frozen=True)
-class _Log:
-    """Notes the phases and passes them on."""
-
-    phases: list[Phase]
-    start: float
-    progress: Callable[[Phase], object] | None
-
-    def note(self, name: str, surface: Surface, core: _core.Partition) -> Phase:
-        energy, seam, cuts, distortion, _, smallest, charts, overlapping = core.figures()
-        phase = Phase(
-            name=name,
-            n_faces=surface.n_faces,
-            energy=energy,
-            seam=seam,
-            cuts=cuts,
-            distortion=distortion,
-            n_charts=charts,
-            n_overlapping=overlapping,
-            smallest=smallest,
-            seconds=perf_counter() - self.start,
-        )
-        if self.progress is not None and self.progress(phase):
-            raise StoppedError(f"{name}: stopped by the progress callback")
-        return phase
-
-    def close(self, phase: Phase) -> None:
-        self.phases.append(phase)
 
 
 @overload
@@ -275,20 +214,15 @@ def _partition(
     progress: Callable[[Phase], object] | None,
 ) -> Partition:
     """Partition one piece."""
-    log = _Log([], perf_counter(), progress)
-    transfers = _simplifications(surface)
-    surfaces = [*(transfer.target for transfer in transfers), surface]
-    cores = [each.one_chart(distortion) for each in surfaces]
+    log = Log([], perf_counter(), progress)
+    levels = levels_of(surface)
+    cores = [level.surface.one_chart(distortion) for level in levels]
     if max_distortion is not None or max_charts is not None:
         distortion = _weight(cores[0], max_distortion, max_charts)
     for _ in range(_ATTEMPTS):
         for core in cores:
             core.set_distortion(distortion)
-        _search(cores[0], surfaces[0], _perturbations(effort, surfaces[0]), seed, log)
-        for k in range(1, len(cores)):
-            labels = cores[k - 1].labels()[transfers[k - 1].parent_face]
-            _refine(cores[k], surfaces[k], labels, log)
-        last = _repair(cores[-1], surface, log)
+        last = _charts(cores, levels, _perturbations(effort, levels[0].surface), seed, log)
         if max_charts is not None and last.n_charts > max_charts:
             distortion *= 0.5
         elif (
@@ -305,13 +239,52 @@ def _partition(
     return Partition(surface, labels, diagnostics=tuple(log.phases))
 
 
+def _charts(
+    cores: Sequence[_core.Partition],
+    levels: Sequence[Level],
+    perturbations: int,
+    seed: int,
+    log: Log,
+) -> Phase:
+    """Find charts on the coarsest surface and carry them to the finest."""
+    # What was forbidden at the end of the last attempt.
+    for core in cores:
+        core.allow_overlap()
+    _search(cores[0], levels[0].surface, perturbations, seed, log)
+    surface = levels[-1].surface
+    for k in range(1, len(levels)):
+        labels = cores[k - 1].labels()[levels[k].parents]
+        if levels[k].carried:
+            if k == len(levels) - 1 and surface.n_faces > _REPAIRED:
+                # So that few charts fail where a repair takes long.
+                _repair(cores[k - 1], levels[k - 1].surface, log)
+            _carry(cores[k], levels[k - 1 : k + 1], labels, log)
+        else:
+            _refine(cores[k], levels[k].surface, labels, log)
+    return _repair(cores[-1], surface, log)
+
+
+def _carry(core: _core.Partition, levels: Sequence[Level], labels: Ints, log: Log) -> None:
+    """Relax labels that are at rest on the first of two surfaces a little on the second one."""
+    before, surface = (level.surface for level in levels)
+    ratio = before.mean_edge_length / surface.mean_edge_length
+    core.set_labels(labels, _CARRY * ratio)
+    core.limit_tries(_TRIES)
+    for _ in range(max(1, _SWEPT_AGAIN // surface.n_faces)):
+        more = core.sweep()
+        log.note("refine", surface, core)
+        if not more:
+            break
+    log.close(log.note("refine", surface, core))
+
+
 def _perturbations(effort: Effort, surface: Surface) -> int:
     count = _PERTURBATIONS[effort]
     return max(count, _PERTURBATIONS["normal"]) if surface.n_faces <= _SMALL else count
 
 
 def _search(
-    core: _core.Partition, surface: Surface, perturbations: int, seed: int, log: _Log
+    core: _core.Partition, surface: Surface, perturbations: int, seed: int, log: Log
 ) -> None:
     """Find charts from cells."""
     core.set_cells(_CELLS)
@@ -325,14 +298,14 @@ def _search(
     log.close(_descend(core, surface, "perturb", log))
 
 
-def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: _Log) -> None:
+def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: Log) -> None:
     """Relax labels that come from a simplified surface."""
     core.allow_overlap()
     core.set_labels(labels, _REACH)
     log.close(_descend(core, surface, "refine", log))
 
 
-def _repair(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
+def _repair(core: _core.Partition, surface: Surface, log: Log) -> Phase:
     """See to it that no chart overlaps itself and none is tiny."""
     core.forbid_overlap()
     for k in range(_REPAIRS):
@@ -350,20 +323,7 @@ def _repair(core: _core.Partition, surface: Surface, log: _Log) -> Phase:
     return last
 
 
-def _simplifications(surface: Surface) -> list[Transfer]:
-    """Transfers to simplified surfaces, the coarsest first, each made of the next one's target."""
-    counts = [_COARSE_FACES]
-    while counts[-1] * _RATIO**2 < surface.n_faces:
-        counts.append(counts[-1] * _RATIO)
-    transfers: list[Transfer] = []
-    for n_faces in reversed(counts):
-        transfer = coarsen(transfers[0].target if transfers else surface, n_faces)
-        if transfer is not None:
-            transfers.insert(0, transfer)
-    return transfers
-
-
-def _descend(core: _core.Partition, surface: Surface, name: str, log: _Log) -> Phase:
+def _descend(core: _core.Partition, surface: Surface, name: str, log: Log) -> Phase:
     """Relax and merge until the energy rests."""
     phase = log.note(name, surface, core)
     left = max(1, _SWEPT // surface.n_faces)

@@ -36,6 +36,7 @@ pub mod partition;
 pub mod potentials;
 pub mod raster;
 pub mod repair;
+pub mod simplify;
 pub mod surface;
 #[cfg(test)]
 mod testing;

@@ -19,6 +19,7 @@ mod pool;
 mod raster;
 mod repair;
 mod screened;
+mod simplify;
 
 use numpy::{PyArray1, PyArrayMethods};
 use phaseatlas_core::Error;
@@ -79,6 +80,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(raster::rasterize, module)?)?;
     module.add_function(wrap_pyfunction!(raster::nearest, module)?)?;
     module.add_function(wrap_pyfunction!(obj::parse_obj, module)?)?;
+    module.add_function(wrap_pyfunction!(simplify::simplify, module)?)?;
+    module.add_function(wrap_pyfunction!(simplify::parents, module)?)?;
     module.add_class::<repair::Repair>()?;
     module.add_function(wrap_pyfunction!(repair::triangulate, module)?)?;
     module.add_class::<bake::Bake>()?;

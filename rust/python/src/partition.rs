@@ -37,6 +37,10 @@ impl Partition {
         detached(py, || self.core.set_labels(labels, reach))?.map_err(to_python)
     }
 
+    fn limit_tries(&mut self, tries: usize) {
+        self.core.limit_tries(tries);
+    }
+
     fn set_cells(&mut self, py: Python<'_>, count: usize) -> PyResult<()> {
         detached(py, || self.core.set_cells(count))
     }
@@ -45,9 +49,9 @@ impl Partition {
         PyArray1::from_iter(py, self.core.labels().iter().map(|&label| i64::from(label)))
     }
 
-    fn figures(&self) -> Figures {
-        let f = self.core.figures();
-        (
+    fn figures(&self, py: Python<'_>) -> PyResult<Figures> {
+        let f = detached(py, || self.core.figures())?;
+        Ok((
             f.energy,
             f.seam,
             f.cuts,
@@ -56,7 +60,7 @@ impl Partition {
             f.smallest,
             f.charts,
             f.overlapping,
-        )
+        ))
     }
 
     fn merge(&mut self, py: Python<'_>) -> PyResult<()> {

@@ -359,7 +359,7 @@ impl<'a> Exhaustive<'a> {
                 break;
             }
         }
-        let found = best.unwrap_or((Merit::default(), set));
+        let found = best.unwrap_or_else(|| (Merit::default(), set));
         self.best.insert((set, run), found);
         found
     }
@@ -408,10 +408,10 @@ struct Search<'a> {
     side: Vec<u8>,
     /// Covered area of each member by the first child less that by the second.
     score: Vec<f64>,
-    /// Search and seed by which a unit was reached.
+    /// Round and seed by which a unit was reached.
     stamp: Vec<u32>,
     seed: Vec<u32>,
-    search: u32,
+    round: u32,
 }
 
 /// Where the sides stand: area of the first, units of both, length of the seam.
@@ -451,7 +451,7 @@ impl<'a> Search<'a> {
             score: vec![0.0; n],
             stamp: vec![0; n],
             seed: vec![0; n],
-            search: 0,
+            round: 0,
         }
     }
 
@@ -513,18 +513,18 @@ impl<'a> Search<'a> {
     fn connect(&mut self, members: &[usize], kept: u8) {
         let side = SECOND - kept;
         let mut largest: (f64, Vec<usize>) = (0.0, Vec::new());
-        self.search += 1;
+        self.round += 1;
         for &u in members {
-            if self.side[u] != side || self.stamp[u] == self.search {
+            if self.side[u] != side || self.stamp[u] == self.round {
                 continue;
             }
-            self.stamp[u] = self.search;
+            self.stamp[u] = self.round;
             let mut part = vec![u];
             let mut next = 0;
             while next < part.len() {
                 for (v, _) in self.units.around(part[next]) {
-                    if self.side[v] == side && self.stamp[v] != self.search {
-                        self.stamp[v] = self.search;
+                    if self.side[v] == side && self.stamp[v] != self.round {
+                        self.stamp[v] = self.round;
                         part.push(v);
                     }
                 }
@@ -551,14 +551,14 @@ impl<'a> Search<'a> {
         if members.iter().any(|&u| self.side[u] != full) {
             return;
         }
-        self.search += 1;
+        self.round += 1;
         let mut reached = vec![members[0]];
-        self.stamp[members[0]] = self.search;
+        self.stamp[members[0]] = self.round;
         let mut next = 0;
         while next < reached.len() {
             for (v, _) in self.units.around(reached[next]) {
-                if self.side[v] == full && self.stamp[v] != self.search {
-                    self.stamp[v] = self.search;
+                if self.side[v] == full && self.stamp[v] != self.round {
+                    self.stamp[v] = self.round;
                     reached.push(v);
                 }
             }
@@ -597,12 +597,12 @@ impl<'a> Search<'a> {
         if !self.units.around(u).any(|(v, _)| self.side[v] == other) {
             return None;
         }
-        self.search += 1;
-        self.stamp[u] = self.search;
+        self.round += 1;
+        self.stamp[u] = self.round;
         let mut queues: Vec<Vec<usize>> = Vec::new();
         for (v, _) in self.units.around(u) {
-            if self.side[v] == side && self.stamp[v] != self.search {
-                self.stamp[v] = self.search;
+            if self.side[v] == side && self.stamp[v] != self.round {
+                self.stamp[v] = self.round;
                 self.seed[v] = queues.len() as u32;
                 queues.push(vec![v]);
             }
@@ -652,8 +652,8 @@ impl<'a> Search<'a> {
                     if self.side[v] != side {
                         continue;
                     }
-                    if self.stamp[v] != self.search {
-                        self.stamp[v] = self.search;
+                    if self.stamp[v] != self.round {
+                        self.stamp[v] = self.round;
                         self.seed[v] = k as u32;
                         queues[k].push(v);
                     } else if v != u {

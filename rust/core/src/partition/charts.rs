@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::disk::Marks;
 use super::energy::{Chart, Energies, Rule};
 use super::geometry::Geometry;
+use crate::mesh::NONE;
 
 /// Charts that share the faces of the surface among them.
 #[derive(Debug, Clone)]
@@ -163,20 +164,26 @@ pub(super) fn join_small(
     pieces: Vec<Vec<u32>>,
     smallest: f64,
 ) -> Vec<Vec<u32>> {
-    let mut owner = BTreeMap::new();
-    for (label, piece) in pieces.iter().enumerate() {
-        for &f in piece {
-            owner.insert(f, label);
-        }
-    }
     let mut areas: Vec<f64> = pieces.iter().map(|piece| geometry.area_of(piece)).collect();
+    if areas.iter().all(|&area| area >= smallest) {
+        return pieces;
+    }
+    let mut owner = vec![NONE; geometry.n_faces()];
+    let mut faces = Vec::new();
+    for (label, piece) in (0..).zip(&pieces) {
+        for &f in piece {
+            owner[f as usize] = label;
+        }
+        faces.extend_from_slice(piece);
+    }
+    faces.sort_unstable();
     let mut shared: Vec<BTreeMap<usize, f64>> = vec![BTreeMap::new(); pieces.len()];
-    for (&f, &a) in &owner {
+    for f in faces {
+        let a = owner[f as usize];
         for (h, g) in geometry.around(f as usize) {
-            if let Some(&b) = owner.get(&(g as u32))
-                && a != b
-            {
-                *shared[a].entry(b).or_default() += geometry.costs[h];
+            let b = owner[g];
+            if b != NONE && a != b {
+                *shared[a as usize].entry(b as usize).or_default() += geometry.costs[h];
             }
         }
     }

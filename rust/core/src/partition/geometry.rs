@@ -5,12 +5,15 @@ use std::collections::HashMap;
 use petgraph::unionfind::UnionFind;
 
 use crate::error::Result;
+use crate::linear::Ordering;
 use crate::mesh::{Adjacency, NONE, TriangleMesh, distance};
-use crate::operators::Stiffness;
+use crate::operators::{DirichletSystem, Stiffness};
 use crate::surface::Surface;
 
 /// Factor on the length of an edge along which no seam may run: more than any boundary is worth.
 const FORBIDDEN: f64 = 1e6;
+/// Faces above which the order of elimination is the one that is found soonest.
+const FINE: usize = 200_000;
 
 /// A surface scaled to unit area. Half-edge `3 f + k` runs from corner `k` of face `f` to the next.
 /// Vertices are numbered by an elimination order of little fill. The order stays good on any subset,
@@ -106,7 +109,12 @@ impl Geometry {
         }
         let (surface_costs, groups) = seam_costs(mesh, &surface_lengths);
         let adjacency = mesh.adjacency();
-        let symbolic = surface.dirichlet_system()?.symbolic();
+        // So fine a surface gets charts that have been found on a simpler one: few factors are made.
+        let symbolic = if mesh.n_faces() > FINE {
+            DirichletSystem::new(mesh, Ordering::MinimumDegree)?.symbolic()
+        } else {
+            surface.dirichlet_system()?.symbolic()
+        };
         let order = symbolic.order();
         let mut ranks = vec![0_u32; n];
         for (rank, &v) in (0..).zip(order) {

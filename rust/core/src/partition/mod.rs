@@ -23,6 +23,8 @@ mod split;
 pub use energy::{Rule, Terms};
 pub use merge::Merge;
 
+use std::sync::OnceLock;
+
 use crate::error::{Result, check_length};
 use crate::surface::Surface;
 use charts::Charts;
@@ -54,7 +56,10 @@ pub struct Figures {
 /// A partition of a surface into connected charts, and the moves that improve it.
 pub struct Partition {
     energies: Energies,
-    charts: Charts,
+    /// Labels that have not been looked at yet.
+    given: Vec<u32>,
+    /// Their pieces, once a move or a figure has asked for them.
+    charts: OnceLock<Charts>,
     rule: Rule,
     memory: Memory,
 }
@@ -71,7 +76,8 @@ impl Partition {
             injective: false,
         };
         Ok(Self {
-            charts: Charts::new(&energies, &vec![0; surface.mesh().n_faces()], &rule),
+            given: vec![0; surface.mesh().n_faces()],
+            charts: OnceLock::new(),
             energies,
             rule,
             memory: Memory::new(0.0),
@@ -87,15 +93,43 @@ impl Partition {
     /// # Errors
     /// [`crate::Error::Length`] for labels that are not one a face.
     pub fn set_labels(&mut self, labels: &[i64], reach: f64) -> Result<()> {
-        check_length("labels", labels.len(), self.charts.labels.len())?;
+        check_length("labels", labels.len(), self.labels().len())?;
         let mut labels = distinct(labels);
         self.unite(&mut labels);
         if reach > 0.0 {
             labels = self.joined(&labels);
         }
         self.memory = Memory::new(reach);
-        self.replace(Charts::new(&self.energies, &labels, &self.rule));
+        self.give(labels);
         Ok(())
+    }
+
+    /// From now on the exact energy of so many cuts of a boundary is asked for in a sweep, at most,
+    /// until other labels are set.
+    pub fn limit_tries(&mut self, tries: usize) {
+        self.memory.tries = tries;
+    }
+
+    fn give(&mut self, labels: Vec<u32>) {
+        self.given = labels;
+        self.charts = OnceLock::new();
+    }
+
+    fn charts(&self) -> &Charts {
+        self.charts
+            .get_or_init(|| Charts::new(&self.energies, &self.given, &self.rule))
+    }
+
+    /// The charts, to be put back by [`Self::keep`].
+    fn take(&mut self) -> Charts {
+        self.charts();
+        self.charts
+            .take()
+            .unwrap_or_else(|| Charts::new(&self.energies, &self.given, &self.rule))
+    }
+
+    fn keep(&mut self, charts: Charts) {
+        self.charts = OnceLock::from(charts);
     }
 
     /// Labels of the connected pieces of equal label, small ones joined to others.
@@ -129,23 +163,25 @@ impl Partition {
     }
 
     fn replace(&mut self, charts: Charts) {
-        self.charts = charts;
+        self.keep(charts);
         self.memory.clear();
     }
 
     /// Chart of each face, from 0.
     #[must_use]
     pub fn labels(&self) -> &[u32] {
-        &self.charts.labels
+        self.charts
+            .get()
+            .map_or(&self.given, |charts| &charts.labels)
     }
 
     /// The sums of the partition as it is now.
     #[must_use]
     pub fn figures(&self) -> Figures {
-        let charts = &self.charts.charts;
+        let charts = &self.charts().charts;
         let sum = |term: fn(&Terms) -> f64| charts.iter().map(|c| term(&c.terms)).sum::<f64>();
         Figures {
-            energy: self.charts.energy(&self.rule),
+            energy: self.charts().energy(&self.rule),
             charts: charts.len(),
             seam: 0.5 * sum(|t| t.perimeter),
             cuts: sum(|t| t.cut),
@@ -164,32 +200,33 @@ impl Partition {
 
     /// Merges charts while the energy falls.
     pub fn merge(&mut self) {
-        self.replace(merge::merge(&self.energies, &self.charts, &self.rule));
+        self.replace(merge::merge(&self.energies, self.charts(), &self.rule));
     }
 
     /// The merges of charts until no two are adjacent, the best first although the energy rises; the
     /// partition itself stays as it is.
     #[must_use]
     pub fn merges(&self) -> Vec<Merge> {
-        merge::order(&self.energies, &self.charts, &self.rule)
+        merge::order(&self.energies, self.charts(), &self.rule)
     }
 
     /// Moves each boundary once; the next sweep knows which have come to rest. Whether more moves
     /// are worth while.
     pub fn sweep(&mut self) -> bool {
-        let gain = relax::sweep(
-            &self.energies,
-            &mut self.charts,
-            &self.rule,
-            &mut self.memory,
-        );
-        !relax::at_rest(gain, self.charts.energy(&self.rule))
+        let mut charts = self.take();
+        let gain = relax::sweep(&self.energies, &mut charts, &self.rule, &mut self.memory);
+        let more = !relax::at_rest(gain, charts.energy(&self.rule));
+        self.keep(charts);
+        more
     }
 
     /// Tries the perturbations of the given numbers; how many were kept.
     pub fn perturb(&mut self, seed: u64, trials: std::ops::Range<usize>) -> usize {
         self.memory.clear();
-        perturb::perturb(&self.energies, &mut self.charts, &self.rule, seed, trials)
+        let mut charts = self.take();
+        let kept = perturb::perturb(&self.energies, &mut charts, &self.rule, seed, trials);
+        self.keep(charts);
+        kept
     }
 
     /// From now on an overlap costs in proportion to its area.
@@ -201,20 +238,28 @@ impl Partition {
     /// From now on a chart that overlaps itself, or has faces turned over, costs infinitely much.
     pub fn forbid_overlap(&mut self) {
         self.rule.injective = true;
-        self.replace(self.charts.under(&self.energies, &self.rule));
+        if let Some(charts) = self.charts.get() {
+            self.replace(charts.under(&self.energies, &self.rule));
+        }
     }
 
     /// Splits the charts that cost infinitely much in about `count` parts; how many there were.
     pub fn split_failing(&mut self, count: usize) -> usize {
         self.memory.clear();
-        repair::split_failing(&self.energies, &mut self.charts, &self.rule, count)
+        let mut charts = self.take();
+        let failing = repair::split_failing(&self.energies, &mut charts, &self.rule, count);
+        self.keep(charts);
+        failing
     }
 
     /// Joins charts below a thousandth of the area to neighbours, or lets them grow; how many there
     /// were.
     pub fn resize_tiny(&mut self) -> usize {
         self.memory.clear();
-        repair::resize_tiny(&self.energies, &mut self.charts, &self.rule)
+        let mut charts = self.take();
+        let tiny = repair::resize_tiny(&self.energies, &mut charts, &self.rule);
+        self.keep(charts);
+        tiny
     }
 
     /// Weighs the distortion anew.

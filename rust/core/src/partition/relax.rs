@@ -46,6 +46,8 @@ pub(super) struct Memory {
     first: f64,
     /// Band of the next attempt, and the factor that is tried first.
     next: HashMap<(u32, u32), Attempt>,
+    /// Cuts of a boundary of which the exact energy is asked for, at most.
+    pub tries: usize,
     /// Charts whose boundaries may move; all where there is none.
     pub active: Option<BTreeSet<u32>>,
 }
@@ -56,13 +58,17 @@ impl Memory {
             settled: HashSet::new(),
             first: first.max(NARROWEST),
             next: HashMap::new(),
+            tries: usize::MAX,
             active: None,
         }
     }
 
-    /// Forgets all but the first band.
+    /// Forgets all but the first band and the number of tries.
     pub fn clear(&mut self) {
-        *self = Self::new(self.first);
+        *self = Self {
+            tries: self.tries,
+            ..Self::new(self.first)
+        };
     }
 }
 
@@ -118,7 +124,7 @@ pub(super) fn sweep(
                     factor: 0,
                 };
                 let attempt = memory.next.get(pair).copied().unwrap_or(first);
-                improve(energies, charts, *pair, rule, attempt)
+                improve(energies, charts, *pair, rule, attempt, memory.tries)
             })
             .collect();
         for (pair, found) in now.into_iter().zip(moves) {
@@ -195,6 +201,7 @@ fn improve(
     (a, b): (u32, u32),
     rule: &Rule,
     first: Attempt,
+    tries: usize,
 ) -> Option<Move> {
     let pair = [a, b].map(|label| &charts.charts[label as usize]);
     let soft = Rule {
@@ -231,6 +238,10 @@ fn improve(
             };
             if !tried.insert(Energies::hash(&first)) {
                 continue;
+            }
+            // The charts as they are count as one.
+            if tried.len() - 1 > tries {
+                return None;
             }
             let found = [energies.chart(first, rule), energies.chart(second, rule)];
             let after = rule.cost(&found[0].terms) + rule.cost(&found[1].terms);

@@ -1,0 +1,79 @@
+"""What a partition tells while it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+from .. import _core
+from ..segmentation import StoppedError
+from ..surface import Surface
+
+__all__ = ["Log", "Phase"]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Figures of a partition after a phase of its making.
+
+    Attributes
+    ----------
+    name : str
+        What was done: "cells", "merge", "relax", "perturb", "refine", "repair".
+    n_faces : int
+        Faces of the surface that it was done on; the first phases work on a simplified one.
+    energy : float
+    seam, cuts : float
+        Lengths between charts and of the cuts that open them, in roots of the area.
+    distortion : float
+        Mean squared log scale of the boundary-first maps.
+    n_charts : int
+    n_overlapping : int
+        Charts whose map is known to cover a point twice or to turn a face over.
+    smallest : float
+        Area of the smallest chart, relative to the surface.
+    seconds : float
+        Since the start.
+    """
+
+    name: str
+    n_faces: int
+    energy: float
+    seam: float
+    cuts: float
+    distortion: float
+    n_charts: int
+    n_overlapping: int
+    smallest: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Log:
+    """Notes the phases and passes them on."""
+
+    phases: list[Phase]
+    start: float
+    progress: Callable[[Phase], object] | None
+
+    def note(self, name: str, surface: Surface, core: _core.Partition) -> Phase:
+        energy, seam, cuts, distortion, _, smallest, charts, overlapping = core.figures()
+        phase = Phase(
+            name=name,
+            n_faces=surface.n_faces,
+            energy=energy,
+            seam=seam,
+            cuts=cuts,
+            distortion=distortion,
+            n_charts=charts,
+            n_overlapping=overlapping,
+            smallest=smallest,
+            seconds=perf_counter() - self.start,
+        )
+        if self.progress is not None and self.progress(phase):
+            raise StoppedError(f"{name}: stopped by the progress callback")
+        return phase
+
+    def close(self, phase: Phase) -> None:
+        self.phases.append(phase)
