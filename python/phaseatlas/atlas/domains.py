@@ -14,6 +14,8 @@ from .charts import Domain
 
 __all__ = ["blending_weights", "domains", "piece_domain", "pieces", "sharp_weights", "split"]
 
+# Longest edge of faces to attach, in roots of the area: a blend is to be narrow beside a chart.
+_LARGE = 0.1
 # Weight of the distortion in the choice of a split, the default of `partition`.
 _DISTORTION = 600.0
 
@@ -79,7 +81,8 @@ def piece_domain(
 ) -> Domain:
     """Domain of a piece of a segment, with faces around it attached to the disk of the piece.
 
-    The piece is cut to a disk by itself, but a flat one with holes is left as it is.
+    The piece is cut to a disk by itself, but a flat one with holes is left as it is. Large faces
+    around it are left out: textures do not blend there.
 
     Parameters
     ----------
@@ -106,6 +109,8 @@ def piece_domain(
         around = _inside(segmentation, labelled, weight) & (segmentation.labels != segment)
         across = surface.face_neighbours[piece]
         around[across[across >= 0]] = True
+        # Where faces are this large a blend would cover whole parts of the surface.
+        around &= surface.face_diameters <= _LARGE * np.sqrt(surface.area)
     grown = _core.grow_chart(surface._mesh, piece, np.flatnonzero(around & ~labelled))
     order = np.argsort(grown.faces)
     return Domain(

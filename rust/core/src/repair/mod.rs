@@ -3,10 +3,10 @@
 //! Nothing is moved and nothing is lost: what cannot be part of a manifold is set aside and hangs on
 //! to a face that can. Each step is one file or function:
 //!
-//! 1. vertices at one place are one ([`weld`]);
-//! 2. polygons are cut into triangles ([`polygon`]);
+//! 1. vertices at one place are one (`weld`);
+//! 2. polygons are cut into triangles (`polygon`);
 //! 3. triangles without area and second copies are set aside;
-//! 4. the others are joined along their edges in pairs and oriented ([`sheets`]);
+//! 4. the others are joined along their edges in pairs and oriented (`sheets`);
 //! 5. corners that hang together around a vertex become a vertex, so that no vertex and no edge has
 //!    more than one fan or two faces.
 
