@@ -1,11 +1,15 @@
 //! The search for a small square.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 
 use rayon::prelude::*;
 
 use super::mask::Mask;
 use super::piece::{Piece, turn};
+use super::random::Numbers;
+use super::separate::{self, Task};
+use super::shape::Pose;
 use super::sheet::{Rule, Sheet, Spot};
 use crate::error::{Error, Result};
 
@@ -20,9 +24,19 @@ const HALVINGS: usize = 2;
 /// Orders of the pieces that change side by side; each round takes the best of them.
 const WALKERS: usize = 8;
 /// Words that all walkers may read, about a second of one core.
-const WORK: u64 = 200_000_000;
+const WORK: u64 = 50_000_000;
 /// Part of the side that a plan which did well must do without next.
 const STEP: usize = 100;
+/// Most pieces whose order is searched for; more are placed once, by a quick rule.
+const MOST_SEARCHED: usize = 400;
+/// Quarter turns of many pieces that are tried.
+const QUICK_TURNS: usize = 2;
+/// Part of the square that many pieces and the gaps around them are thought to fill.
+const FILL: f64 = 0.8;
+/// Size classes of many pieces in an octave.
+const CLASSES: f64 = 4.0;
+/// Most pieces that are drawn apart.
+const MOST_SEPARATED: usize = 64;
 /// Angles between two quarter turns, and the most pieces for which so many are tried.
 const ANGLES: [(usize, usize); 3] = [(32, 4), (128, 2), (usize::MAX, 1)];
 
@@ -49,7 +63,8 @@ impl Layout {
         let turned = turn(point, place.cosine, place.sine);
         [0, 1].map(|k| {
             let cells = self.scale * turned[k] + place.shift[k];
-            (cells + 0.5 * self.gap) / (self.side + self.gap)
+            // Rounding alone leads out of the square.
+            ((cells + 0.5 * self.gap) / (self.side + self.gap)).clamp(0.0, 1.0)
         })
     }
 }
@@ -59,7 +74,7 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
     let cells = CELLS.max((CELLS_PER_PIECE * (pieces.len() as f64).sqrt()).ceil() as usize);
     // The side and the gap together are the square.
     let gap = padding * cells as f64 / (1.0 - padding);
-    let (scale, first) = largest_scale(pieces, cells, gap).ok_or(Error::Parameter {
+    let (scale, stock, first) = largest_scale(pieces, cells, gap).ok_or(Error::Parameter {
         argument: "padding",
         value: padding,
         expected: "less: it leaves no room for the pieces",
@@ -68,7 +83,11 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
         .into_iter()
         .find(|&(most, _)| pieces.len() <= most)
         .map_or(1, |(_, angles)| angles);
-    let stock = Stock::new(pieces, angles, scale, gap);
+    let stock = if angles == 1 {
+        stock
+    } else {
+        Stock::new(pieces, angles, scale, gap)
+    };
     let spots = improve(&stock, pieces, &first);
     let mut places = Vec::with_capacity(pieces.len());
     let mut extent = 0.0_f64;
@@ -82,6 +101,11 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
             shift: [0, 1].map(|k| mask.shift[k] + at[k]),
         });
     }
+    if pieces.len() <= MOST_SEPARATED
+        && let Some(layout) = separated(pieces, &places, scale, extent, padding)
+    {
+        return Ok(layout);
+    }
     Ok(Layout {
         places,
         scale,
@@ -90,41 +114,93 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
     })
 }
 
+/// A layout of some extent improved by drawing pieces apart in a smaller square.
+fn separated(
+    pieces: &[Piece],
+    places: &[Place],
+    scale: f64,
+    extent: f64,
+    padding: f64,
+) -> Option<Layout> {
+    let task = Task::new(pieces, scale / extent, padding);
+    let poses: Vec<Pose> = task
+        .shapes
+        .iter()
+        .zip(places)
+        .map(|(shape, place)| {
+            let centre = turn(shape.centre, place.cosine, place.sine);
+            let at = [0, 1].map(|k| (scale * centre[k] + place.shift[k]) / extent);
+            Pose::new(at, place.sine.atan2(place.cosine))
+        })
+        .collect();
+    let found = separate::improve(&task, &task.arranged(&poses))?;
+    let places = task.shapes.iter().zip(&found.poses).map(|(shape, pose)| {
+        let centre = turn(shape.centre, pose.cosine, pose.sine);
+        Place {
+            cosine: pose.cosine,
+            sine: pose.sine,
+            shift: [0, 1].map(|k| pose.at[k] - found.low[k] - shape.scale * centre[k]),
+        }
+    });
+    Some(Layout {
+        places: places.collect(),
+        scale: task.shapes[0].scale,
+        side: found.extent,
+        gap: padding * found.extent / (1.0 - padding),
+    })
+}
+
 /// The masks of all pieces at one scale.
 struct Stock {
     masks: Vec<Vec<Mask>>,
     longest: usize,
     kinds: usize,
+    /// Kinds are size classes, and a piece is placed above the last one of its kind.
+    quick: bool,
+}
+
+/// Numbers masks by what is equal among those of one kind; returns the number of kinds.
+fn number<K: Eq + Hash>(masks: &mut [Vec<Mask>], key: impl Fn(&Mask) -> K) -> usize {
+    let mut kinds = HashMap::new();
+    for mask in masks.iter_mut().flatten() {
+        let next = kinds.len();
+        mask.kind = *kinds.entry(key(mask)).or_insert(next);
+    }
+    kinds.len()
 }
 
 impl Stock {
     fn new(pieces: &[Piece], angles: usize, scale: f64, gap: f64) -> Self {
+        let quick = pieces.len() > MOST_SEARCHED;
         let step = std::f64::consts::FRAC_PI_2 / angles as f64;
+        let turns = if quick { QUICK_TURNS } else { 4 * angles };
         let mut masks: Vec<Vec<Mask>> = pieces
             .par_iter()
             .map(|piece| {
-                (0..4 * angles)
+                (0..turns)
                     .map(|k| Mask::new(piece, piece.upright + k as f64 * step, scale, gap))
                     .collect()
             })
             .collect();
         let longest = masks.iter().flatten().map(|mask| mask.width).max();
         let longest = longest.unwrap_or(1);
-        let mut kinds = HashMap::new();
-        for mask in masks.iter_mut().flatten() {
-            let next = kinds.len();
-            mask.kind = *kinds.entry(mask.touched.clone()).or_insert(next);
-        }
+        let kinds = if quick {
+            let class = |cells: usize| (CLASSES * (cells as f64).log2()) as usize;
+            number(&mut masks, |mask| (class(mask.width), class(mask.height)))
+        } else {
+            number(&mut masks, |mask| mask.touched.clone())
+        };
         Self {
             masks,
             longest,
-            kinds: kinds.len(),
+            kinds,
+            quick,
         }
     }
 }
 
 /// The largest scale at which a bisection lets the pieces into the square, and their spots there.
-fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outcome)> {
+fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Stock, Outcome)> {
     let plan = Plan {
         order: by_size(pieces),
         rule: Rule::Top,
@@ -133,7 +209,7 @@ fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outco
     let fitted = |scale: f64| {
         let stock = Stock::new(pieces, 1, scale, gap);
         let outcome = plan.run(&stock, pieces, cells, 0.0);
-        (outcome.left == 0.0).then_some((scale, outcome))
+        (outcome.left == 0.0).then_some((scale, stock, outcome))
     };
     let area: f64 = pieces.iter().map(|piece| piece.area).sum();
     let longest = pieces
@@ -141,7 +217,27 @@ fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outco
         .map(|piece| piece.sides[0])
         .fold(0.0, f64::max);
     let mut high = cells as f64 * (1.0 / area.sqrt()).min(1.0 / longest);
+    let quick = pieces.len() > MOST_SEARCHED;
+    if quick {
+        // What fits is near the scale at which the pieces and their gaps fill most of the square.
+        let mean: f64 = pieces
+            .iter()
+            .map(|piece| piece.sides[0] + piece.sides[1])
+            .sum();
+        let half = 0.5 * gap * mean / area;
+        let room = (FILL * (cells as f64).powi(2) - gap * gap * pieces.len() as f64) / area;
+        high = high
+            .min((half * half + room.max(0.0)).sqrt() - half)
+            .max(0.6 / longest);
+    }
     let mut best = fitted(high);
+    while quick && best.is_some() {
+        high /= COARSE_STEP;
+        match fitted(high) {
+            Some(better) => best = Some(better),
+            None => break,
+        }
+    }
     while best.is_none() {
         // All pieces are single cells.
         if high * longest < 0.5 {
@@ -154,7 +250,7 @@ fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outco
         }
     }
     for _ in 0..HALVINGS {
-        let low = best.as_ref().map_or(high, |(scale, _)| *scale);
+        let low = best.as_ref().map_or(high, |(scale, _, _)| *scale);
         let middle = 0.5 * (low + high);
         match fitted(middle) {
             Some(better) => best = Some(better),
@@ -205,7 +301,7 @@ impl Outcome {
 impl Plan {
     /// Places the pieces in a square; stops where more area than `spare` finds no place.
     fn run(&self, stock: &Stock, pieces: &[Piece], side: usize, spare: f64) -> Outcome {
-        let mut sheet = Sheet::new(side, stock.longest, stock.kinds);
+        let mut sheet = Sheet::new(side, stock.longest, stock.kinds, stock.quick);
         let mut spots = vec![None; pieces.len()];
         let mut left = 0.0;
         for &piece in &self.order {
@@ -283,10 +379,13 @@ fn improve(stock: &Stock, pieces: &[Piece], first: &Outcome) -> Vec<(usize, Spot
         let spots = outcome.spots.iter().flatten();
         spots.map(|&(turn, spot)| (angles * turn, spot)).collect()
     };
-    let mut best = placed(first, turns / 4);
+    let mut best = placed(first, turns.div_ceil(4));
     let Some(mut side) = first.side() else {
         return best;
     };
+    if pieces.len() > MOST_SEARCHED {
+        return best;
+    }
     let order = by_size(pieces);
     let mut walkers: Vec<Walker> = (0..WALKERS)
         .map(|k| Walker {
@@ -351,18 +450,4 @@ fn improve(stock: &Stock, pieces: &[Piece], first: &Outcome) -> Vec<(usize, Spot
         }
     }
     best
-}
-
-/// Whole numbers from a fixed stream (SplitMix64).
-#[derive(Debug)]
-struct Numbers(u64);
-
-impl Numbers {
-    fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % count as u64) as usize
-    }
 }
