@@ -105,10 +105,11 @@ def test_same_input_same_layout(sheet):
     np.testing.assert_array_equal(first, second)
 
 
-def test_units_do_not_matter(sheet):
+@pytest.mark.parametrize("factor", [1e-6, 0.3048, 1000.0])
+def test_units_do_not_matter(sheet, factor):
     surface, _, charts = sheet
-    tiny = tuple(dataclasses.replace(chart, uv=1e-6 * chart.uv) for chart in charts)
-    first, second = pack(charts, surface.n_faces), pack(tiny, surface.n_faces)
+    scaled = tuple(dataclasses.replace(chart, uv=factor * chart.uv) for chart in charts)
+    first, second = pack(charts, surface.n_faces), pack(scaled, surface.n_faces)
     np.testing.assert_allclose(first, second, atol=1e-6)
 
 
@@ -251,6 +252,14 @@ def test_triangles_of_all_sizes_keep_their_distance(seed, count, padding):
     sizes = 10.0 ** random.uniform(-6, 0, (count, 1, 1))
     corners = sizes * random.normal(size=(count, 3, 2)) + random.normal(size=(count, 1, 2))
     uv = pack(scattered(corners), count, padding=padding, resolution=256)
+    assert_laid_out(corners, uv, padding, 256)
+
+
+@pytest.mark.parametrize("padding", [0, 4])
+def test_pieces_that_are_points_beside_others_keep_their_distance(padding):
+    corners = np.random.default_rng(6).normal(size=(8, 3, 2))
+    corners[::2] *= 1e-11
+    uv = pack(scattered(corners), len(corners), padding=padding, resolution=256)
     assert_laid_out(corners, uv, padding, 256)
 
 

@@ -10,7 +10,6 @@
 
 mod mask;
 mod piece;
-mod random;
 mod search;
 mod separate;
 mod shape;

@@ -1,17 +1,18 @@
 //! The search for a small square.
 
 use std::collections::HashMap;
+use std::f64::consts::TAU;
 use std::hash::Hash;
 
 use rayon::prelude::*;
 
 use super::mask::Mask;
 use super::piece::{Piece, turn};
-use super::random::Numbers;
 use super::separate::{self, Task};
 use super::shape::Pose;
 use super::sheet::{Rule, Sheet, Spot};
 use crate::error::{Error, Result};
+use crate::random::Random;
 
 /// Cells along the side of the square: finer is denser, at a cost that grows with the cube.
 const CELLS: usize = 512;
@@ -37,6 +38,14 @@ const FILL: f64 = 0.8;
 const CLASSES: f64 = 4.0;
 /// Most pieces that are drawn apart.
 const MOST_SEPARATED: usize = 64;
+/// What the pieces to be drawn apart are rounded to, as a part of the largest: far more than
+/// rounding makes of them, for that search takes another way at the least change.
+const ROUNDING: f64 = 1.0 / (1 << 26) as f64;
+/// Distance that rounding may take from a gap, where the extent is 1: each piece moves by at most
+/// the step, which is at most 1.5 `ROUNDING`, and the gap grows with the extent.
+const ROUNDING_SLACK: f64 = 6.0 * ROUNDING;
+/// Steps in a whole turn, and in the extent, to which the first poses are rounded.
+const POSE_STEPS: f64 = (1 << 28) as f64;
 /// Angles between two quarter turns, and the most pieces for which so many are tried.
 const ANGLES: [(usize, usize); 3] = [(32, 4), (128, 2), (usize::MAX, 1)];
 
@@ -122,31 +131,61 @@ fn separated(
     extent: f64,
     padding: f64,
 ) -> Option<Layout> {
-    let task = Task::new(pieces, scale / extent, padding);
+    let step = ROUNDING * pieces.iter().map(Piece::reach).fold(0.0, f64::max);
+    let rounded: Vec<Piece> = pieces.par_iter().map(|piece| piece.rounded(step)).collect();
+    let unit = f64::from((scale * step / extent) as f32);
+    let task = Task::new(&rounded, unit, padding, ROUNDING_SLACK);
     let poses: Vec<Pose> = task
         .shapes
         .iter()
         .zip(places)
         .map(|(shape, place)| {
             let centre = turn(shape.centre, place.cosine, place.sine);
-            let at = [0, 1].map(|k| (scale * centre[k] + place.shift[k]) / extent);
-            Pose::new(at, place.sine.atan2(place.cosine))
+            let at = [0, 1].map(|k| (scale * step * centre[k] + place.shift[k]) / extent);
+            let turns = place.sine.atan2(place.cosine) / TAU;
+            // Half a turn either way is one angle.
+            let steps = (POSE_STEPS * turns).round().rem_euclid(POSE_STEPS);
+            Pose::new(
+                at.map(|x| (POSE_STEPS * x).round() / POSE_STEPS),
+                TAU * (steps / POSE_STEPS),
+            )
         })
         .collect();
     let found = separate::improve(&task, &task.arranged(&poses))?;
-    let places = task.shapes.iter().zip(&found.poses).map(|(shape, pose)| {
-        let centre = turn(shape.centre, pose.cosine, pose.sine);
-        Place {
-            cosine: pose.cosine,
-            sine: pose.sine,
-            shift: [0, 1].map(|k| pose.at[k] - found.low[k] - shape.scale * centre[k]),
+    let scale = unit / step;
+    let mut places: Vec<Place> = task
+        .shapes
+        .iter()
+        .zip(&found.poses)
+        .map(|(shape, pose)| {
+            let centre = turn(shape.centre, pose.cosine, pose.sine);
+            Place {
+                cosine: pose.cosine,
+                sine: pose.sine,
+                shift: [0, 1].map(|k| pose.at[k] - unit * centre[k]),
+            }
+        })
+        .collect();
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for (piece, place) in pieces.iter().zip(&places) {
+        for &point in piece.hull() {
+            let turned = turn(point, place.cosine, place.sine);
+            for k in 0..2 {
+                let x = scale * turned[k] + place.shift[k];
+                low[k] = low[k].min(x);
+                high[k] = high[k].max(x);
+            }
         }
-    });
+    }
+    for place in &mut places {
+        place.shift = [0, 1].map(|k| place.shift[k] - low[k]);
+    }
+    let side = (high[0] - low[0]).max(high[1] - low[1]);
     Some(Layout {
-        places: places.collect(),
-        scale: task.shapes[0].scale,
-        side: found.extent,
-        gap: padding * found.extent / (1.0 - padding),
+        places,
+        scale,
+        side,
+        gap: padding * side / (1.0 - padding),
     })
 }
 
@@ -332,7 +371,7 @@ impl Plan {
     }
 
     /// A plan like this one, in which pieces that found no place come earlier.
-    fn changed(&self, left: &[usize], turns: usize, numbers: &mut Numbers) -> Self {
+    fn changed(&self, left: &[usize], turns: usize, numbers: &mut Random) -> Self {
         let mut plan = self.clone();
         let count = plan.order.len();
         for &piece in left {
@@ -368,7 +407,7 @@ struct Walker {
     plan: Plan,
     left: Vec<usize>,
     area: f64,
-    numbers: Numbers,
+    numbers: Random,
 }
 
 /// Mask and spot of each piece in the smallest square found, from one that holds all in quarter
@@ -396,7 +435,7 @@ fn improve(stock: &Stock, pieces: &[Piece], first: &Outcome) -> Vec<(usize, Spot
             },
             left: Vec::new(),
             area: f64::INFINITY,
-            numbers: Numbers(k as u64),
+            numbers: Random::new(0, k as u64),
         })
         .collect();
     let mut work = 0;

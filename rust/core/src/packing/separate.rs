@@ -9,9 +9,9 @@
 use rayon::prelude::*;
 
 use super::piece::Piece;
-use super::random::Numbers;
 use super::shape::{Pose, Shape};
 use crate::lbfgs::LimitedMemory;
+use crate::random::Random;
 
 type Point = [f64; 2];
 
@@ -50,17 +50,23 @@ pub(super) struct Task {
     pub(super) shapes: Vec<Shape>,
     /// Share of the side between pieces.
     padding: f64,
+    /// Distance added to the gap, for what the shapes leave out.
+    slack: f64,
 }
 
 impl Task {
     /// `scale` is that of a layout whose extent is 1.
-    pub(super) fn new(pieces: &[Piece], scale: f64, padding: f64) -> Self {
+    pub(super) fn new(pieces: &[Piece], scale: f64, padding: f64, slack: f64) -> Self {
         let reach = 1.1 * padding / (1.0 - padding) + 2.0 * MARGIN;
         let shapes = pieces
             .par_iter()
             .map(|piece| Shape::new(piece, scale, SPACING, reach))
             .collect();
-        Self { shapes, padding }
+        Self {
+            shapes,
+            padding,
+            slack,
+        }
     }
 
     /// The square of the extents of poses.
@@ -126,7 +132,7 @@ struct Walker<'a> {
     weights: Vec<f64>,
     /// Distances that the fields call larger than they are.
     errors: Vec<f64>,
-    numbers: Numbers,
+    numbers: Random,
     work: u64,
     tries: usize,
 }
@@ -151,7 +157,7 @@ impl<'a> Walker<'a> {
             shrink: SHRINK,
             weights: vec![1.0; count * count],
             errors: vec![0.0; count * count],
-            numbers: Numbers(index as u64),
+            numbers: Random::new(0, index as u64),
             work: 0,
             tries: 0,
         };
@@ -226,7 +232,7 @@ impl<'a> Walker<'a> {
         }
         if deepest <= tolerance {
             let found = self.task.arranged(&self.poses);
-            let gap = self.task.gap(found.extent) + 1e-12;
+            let gap = self.task.gap(found.extent) + self.task.slack;
             let mut legal = true;
             for i in 0..count {
                 for j in 0..i {

@@ -12,6 +12,9 @@ const SAMPLES: f64 = 128.0;
 /// Segments that are passed over at once where they are far away.
 const BUNDLE: usize = 12;
 
+/// Radius of pieces that are points: what turns them is divided by it.
+const LEAST_RADIUS: f64 = 1e-8;
+
 /// Where the centre of a piece lies and how the piece is turned.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pose {
@@ -43,7 +46,6 @@ impl Pose {
 pub(super) struct Shape {
     /// Centre of the bounding rectangle of the piece before scaling.
     pub(super) centre: Point,
-    pub(super) scale: f64,
     /// Distance of its farthest point from the centre.
     pub(super) radius: f64,
     pub(super) hull: Vec<Point>,
@@ -70,15 +72,18 @@ impl Shape {
         let local = |point: Point| [0, 1].map(|k| scale * (point[k] - centre[k]));
         let hull: Vec<Point> = piece.hull().iter().map(|&point| local(point)).collect();
         let outline: Vec<[Point; 2]> = piece.outline().map(|ends| ends.map(local)).collect();
-        let triangles: Vec<[Point; 3]> = piece.triangles().map(|c| c.map(local)).collect();
+        let triangles: Vec<[Point; 3]> = piece
+            .triangles()
+            .map(|corners| corners.map(local))
+            .filter(|&[a, b, c]| cross(minus(b, a), minus(c, a)) != 0.0)
+            .collect();
         let radius = hull
             .iter()
             .map(|p| p[0].hypot(p[1]))
-            .fold(f64::MIN_POSITIVE, f64::max);
+            .fold(LEAST_RADIUS, f64::max);
         let size = [0, 1].map(|k| scale * (high[k] - low[k]));
         Self {
             centre,
-            scale,
             radius,
             points: sampled(&hull, &outline, spacing),
             field: Field::new(&outline, &triangles, size, reach),
@@ -127,8 +132,8 @@ impl Shape {
             return Some(least);
         }
         // Outlines that do not meet: one piece inside another, or none.
-        let inside = other.holds(at, pose.apply(self.triangles[0][0]))
-            || self.holds(pose, at.apply(other.triangles[0][0]));
+        let inside =
+            other.holds(at, pose.apply(self.hull[0])) || self.holds(pose, at.apply(other.hull[0]));
         inside.then_some(0.0)
     }
 
