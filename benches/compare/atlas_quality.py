@@ -165,11 +165,13 @@ def main() -> None:
     parser.add_argument("meshes", type=Path)
     parser.add_argument("--output", type=Path, default=Path("docs"))
     parser.add_argument("--only", nargs="*", help="names of meshes")
+    parser.add_argument("--tools", nargs="*", default=list(TOOLS), help="all by default")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     tools = {
         name: tool
         for name, tool in TOOLS.items()
+        if name in arguments.tools
         if name not in NEEDS or importlib.util.find_spec(NEEDS[name]) is not None
     }
     paths = [

@@ -35,10 +35,12 @@ __all__ = [
     "most_padding",
     "nearest",
     "pack",
+    "parents",
     "parse_obj",
     "rasterize",
     "sample",
     "share_out",
+    "simplify",
     "symmetric_dirichlet",
     "triangulate",
 ]

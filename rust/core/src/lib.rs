@@ -34,6 +34,7 @@ pub mod packing;
 mod parallel;
 pub mod partition;
 pub mod potentials;
+mod random;
 pub mod raster;
 pub mod repair;
 pub mod simplify;

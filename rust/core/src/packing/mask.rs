@@ -289,7 +289,7 @@ fn rightmost(ends: [Point; 2], radius: f64, row: i32) -> f64 {
         }
     };
     let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
-    let length = dx.hypot(dy);
+    let length = (dx * dx + dy * dy).sqrt();
     let side = if length > 0.0 && dy != 0.0 {
         let offset = [dy.abs(), -dx * dy.signum()].map(|x| radius * x / length);
         let moved = |p: Point| [p[0] + offset[0], p[1] + offset[1]];

@@ -5,11 +5,14 @@
 //! than the gap. A piece may lie where the first shape of it meets the second shape of no other, so
 //! every layout keeps the gap exactly, whatever the size of a cell. Where a piece may lie in a row
 //! is found for all columns at once. What is sought is an order of the pieces that lets them into a
-//! small square, each placed as low as it can be.
+//! small square, each placed as low as it can be. Few pieces are then drawn apart at any angle in a
+//! shrinking square; very many are placed once, each above the last one of its size.
 
 mod mask;
 mod piece;
 mod search;
+mod separate;
+mod shape;
 mod sheet;
 
 use rayon::prelude::*;

@@ -52,15 +52,33 @@ impl Piece {
             .iter()
             .map(|&face| triangles[face as usize].map(index))
             .collect();
-        let hull = convex_hull(&local);
+        Self::of(local, faces)
+    }
+
+    /// The piece in units of `step`, its points moved to whole ones: what is computed from it does
+    /// not depend on rounding in the points.
+    pub(super) fn rounded(&self, step: f64) -> Self {
+        let points = self.points.iter();
+        let points = points.map(|point| point.map(|x| (x / step).round()));
+        Self::of(points.collect(), self.faces.clone())
+    }
+
+    /// Largest distance of a point from the first one.
+    pub(super) fn reach(&self) -> f64 {
+        let distances = self.points.iter().map(|point| point[0].hypot(point[1]));
+        distances.fold(0.0, f64::max)
+    }
+
+    fn of(points: Vec<Point>, faces: Vec<[u32; 3]>) -> Self {
+        let hull = convex_hull(&points);
         let (upright, sides) = smallest_rectangle(&hull);
         let area = faces
             .iter()
-            .map(|&face| 0.5 * twice_area(&local, face).abs());
+            .map(|&face| 0.5 * twice_area(&points, face).abs());
         Self {
             area: area.sum(),
-            outline: outline(&local, &faces),
-            points: local,
+            outline: outline(&points, &faces),
+            points,
             faces,
             hull,
             upright,

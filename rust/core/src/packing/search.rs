@@ -1,13 +1,18 @@
 //! The search for a small square.
 
 use std::collections::HashMap;
+use std::f64::consts::TAU;
+use std::hash::Hash;
 
 use rayon::prelude::*;
 
 use super::mask::Mask;
 use super::piece::{Piece, turn};
+use super::separate::{self, Task};
+use super::shape::Pose;
 use super::sheet::{Rule, Sheet, Spot};
 use crate::error::{Error, Result};
+use crate::random::Random;
 
 /// Cells along the side of the square: finer is denser, at a cost that grows with the cube.
 const CELLS: usize = 512;
@@ -20,9 +25,27 @@ const HALVINGS: usize = 2;
 /// Orders of the pieces that change side by side; each round takes the best of them.
 const WALKERS: usize = 8;
 /// Words that all walkers may read, about a second of one core.
-const WORK: u64 = 200_000_000;
+const WORK: u64 = 50_000_000;
 /// Part of the side that a plan which did well must do without next.
 const STEP: usize = 100;
+/// Most pieces whose order is searched for; more are placed once, by a quick rule.
+const MOST_SEARCHED: usize = 400;
+/// Quarter turns of many pieces that are tried.
+const QUICK_TURNS: usize = 2;
+/// Part of the square that many pieces and the gaps around them are thought to fill.
+const FILL: f64 = 0.8;
+/// Size classes of many pieces in an octave.
+const CLASSES: f64 = 4.0;
+/// Most pieces that are drawn apart.
+const MOST_SEPARATED: usize = 64;
+/// What the pieces to be drawn apart are rounded to, as a part of the largest: far more than
+/// rounding makes of them, for that search takes another way at the least change.
+const ROUNDING: f64 = 1.0 / (1 << 26) as f64;
+/// Distance that rounding may take from a gap, where the extent is 1: each piece moves by at most
+/// the step, which is at most 1.5 `ROUNDING`, and the gap grows with the extent.
+const ROUNDING_SLACK: f64 = 6.0 * ROUNDING;
+/// Steps in a whole turn, and in the extent, to which the first poses are rounded.
+const POSE_STEPS: f64 = (1 << 28) as f64;
 /// Angles between two quarter turns, and the most pieces for which so many are tried.
 const ANGLES: [(usize, usize); 3] = [(32, 4), (128, 2), (usize::MAX, 1)];
 
@@ -49,7 +72,8 @@ impl Layout {
         let turned = turn(point, place.cosine, place.sine);
         [0, 1].map(|k| {
             let cells = self.scale * turned[k] + place.shift[k];
-            (cells + 0.5 * self.gap) / (self.side + self.gap)
+            // Rounding alone leads out of the square.
+            ((cells + 0.5 * self.gap) / (self.side + self.gap)).clamp(0.0, 1.0)
         })
     }
 }
@@ -59,7 +83,7 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
     let cells = CELLS.max((CELLS_PER_PIECE * (pieces.len() as f64).sqrt()).ceil() as usize);
     // The side and the gap together are the square.
     let gap = padding * cells as f64 / (1.0 - padding);
-    let (scale, first) = largest_scale(pieces, cells, gap).ok_or(Error::Parameter {
+    let (scale, stock, first) = largest_scale(pieces, cells, gap).ok_or(Error::Parameter {
         argument: "padding",
         value: padding,
         expected: "less: it leaves no room for the pieces",
@@ -68,7 +92,11 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
         .into_iter()
         .find(|&(most, _)| pieces.len() <= most)
         .map_or(1, |(_, angles)| angles);
-    let stock = Stock::new(pieces, angles, scale, gap);
+    let stock = if angles == 1 {
+        stock
+    } else {
+        Stock::new(pieces, angles, scale, gap)
+    };
     let spots = improve(&stock, pieces, &first);
     let mut places = Vec::with_capacity(pieces.len());
     let mut extent = 0.0_f64;
@@ -82,6 +110,11 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
             shift: [0, 1].map(|k| mask.shift[k] + at[k]),
         });
     }
+    if pieces.len() <= MOST_SEPARATED
+        && let Some(layout) = separated(pieces, &places, scale, extent, padding)
+    {
+        return Ok(layout);
+    }
     Ok(Layout {
         places,
         scale,
@@ -90,41 +123,123 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
     })
 }
 
+/// A layout of some extent improved by drawing pieces apart in a smaller square.
+fn separated(
+    pieces: &[Piece],
+    places: &[Place],
+    scale: f64,
+    extent: f64,
+    padding: f64,
+) -> Option<Layout> {
+    let step = ROUNDING * pieces.iter().map(Piece::reach).fold(0.0, f64::max);
+    let rounded: Vec<Piece> = pieces.par_iter().map(|piece| piece.rounded(step)).collect();
+    let unit = f64::from((scale * step / extent) as f32);
+    let task = Task::new(&rounded, unit, padding, ROUNDING_SLACK);
+    let poses: Vec<Pose> = task
+        .shapes
+        .iter()
+        .zip(places)
+        .map(|(shape, place)| {
+            let centre = turn(shape.centre, place.cosine, place.sine);
+            let at = [0, 1].map(|k| (scale * step * centre[k] + place.shift[k]) / extent);
+            let turns = place.sine.atan2(place.cosine) / TAU;
+            // Half a turn either way is one angle.
+            let steps = (POSE_STEPS * turns).round().rem_euclid(POSE_STEPS);
+            Pose::new(
+                at.map(|x| (POSE_STEPS * x).round() / POSE_STEPS),
+                TAU * (steps / POSE_STEPS),
+            )
+        })
+        .collect();
+    let found = separate::improve(&task, &task.arranged(&poses))?;
+    let scale = unit / step;
+    let mut places: Vec<Place> = task
+        .shapes
+        .iter()
+        .zip(&found.poses)
+        .map(|(shape, pose)| {
+            let centre = turn(shape.centre, pose.cosine, pose.sine);
+            Place {
+                cosine: pose.cosine,
+                sine: pose.sine,
+                shift: [0, 1].map(|k| pose.at[k] - unit * centre[k]),
+            }
+        })
+        .collect();
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for (piece, place) in pieces.iter().zip(&places) {
+        for &point in piece.hull() {
+            let turned = turn(point, place.cosine, place.sine);
+            for k in 0..2 {
+                let x = scale * turned[k] + place.shift[k];
+                low[k] = low[k].min(x);
+                high[k] = high[k].max(x);
+            }
+        }
+    }
+    for place in &mut places {
+        place.shift = [0, 1].map(|k| place.shift[k] - low[k]);
+    }
+    let side = (high[0] - low[0]).max(high[1] - low[1]);
+    Some(Layout {
+        places,
+        scale,
+        side,
+        gap: padding * side / (1.0 - padding),
+    })
+}
+
 /// The masks of all pieces at one scale.
 struct Stock {
     masks: Vec<Vec<Mask>>,
     longest: usize,
     kinds: usize,
+    /// Kinds are size classes, and a piece is placed above the last one of its kind.
+    quick: bool,
+}
+
+/// Numbers masks by what is equal among those of one kind; returns the number of kinds.
+fn number<K: Eq + Hash>(masks: &mut [Vec<Mask>], key: impl Fn(&Mask) -> K) -> usize {
+    let mut kinds = HashMap::new();
+    for mask in masks.iter_mut().flatten() {
+        let next = kinds.len();
+        mask.kind = *kinds.entry(key(mask)).or_insert(next);
+    }
+    kinds.len()
 }
 
 impl Stock {
     fn new(pieces: &[Piece], angles: usize, scale: f64, gap: f64) -> Self {
+        let quick = pieces.len() > MOST_SEARCHED;
         let step = std::f64::consts::FRAC_PI_2 / angles as f64;
+        let turns = if quick { QUICK_TURNS } else { 4 * angles };
         let mut masks: Vec<Vec<Mask>> = pieces
             .par_iter()
             .map(|piece| {
-                (0..4 * angles)
+                (0..turns)
                     .map(|k| Mask::new(piece, piece.upright + k as f64 * step, scale, gap))
                     .collect()
             })
             .collect();
         let longest = masks.iter().flatten().map(|mask| mask.width).max();
         let longest = longest.unwrap_or(1);
-        let mut kinds = HashMap::new();
-        for mask in masks.iter_mut().flatten() {
-            let next = kinds.len();
-            mask.kind = *kinds.entry(mask.touched.clone()).or_insert(next);
-        }
+        let kinds = if quick {
+            let class = |cells: usize| (CLASSES * (cells as f64).log2()) as usize;
+            number(&mut masks, |mask| (class(mask.width), class(mask.height)))
+        } else {
+            number(&mut masks, |mask| mask.touched.clone())
+        };
         Self {
             masks,
             longest,
-            kinds: kinds.len(),
+            kinds,
+            quick,
         }
     }
 }
 
 /// The largest scale at which a bisection lets the pieces into the square, and their spots there.
-fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outcome)> {
+fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Stock, Outcome)> {
     let plan = Plan {
         order: by_size(pieces),
         rule: Rule::Top,
@@ -133,7 +248,7 @@ fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outco
     let fitted = |scale: f64| {
         let stock = Stock::new(pieces, 1, scale, gap);
         let outcome = plan.run(&stock, pieces, cells, 0.0);
-        (outcome.left == 0.0).then_some((scale, outcome))
+        (outcome.left == 0.0).then_some((scale, stock, outcome))
     };
     let area: f64 = pieces.iter().map(|piece| piece.area).sum();
     let longest = pieces
@@ -141,7 +256,27 @@ fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outco
         .map(|piece| piece.sides[0])
         .fold(0.0, f64::max);
     let mut high = cells as f64 * (1.0 / area.sqrt()).min(1.0 / longest);
+    let quick = pieces.len() > MOST_SEARCHED;
+    if quick {
+        // What fits is near the scale at which the pieces and their gaps fill most of the square.
+        let mean: f64 = pieces
+            .iter()
+            .map(|piece| piece.sides[0] + piece.sides[1])
+            .sum();
+        let half = 0.5 * gap * mean / area;
+        let room = (FILL * (cells as f64).powi(2) - gap * gap * pieces.len() as f64) / area;
+        high = high
+            .min((half * half + room.max(0.0)).sqrt() - half)
+            .max(0.6 / longest);
+    }
     let mut best = fitted(high);
+    while quick && best.is_some() {
+        high /= COARSE_STEP;
+        match fitted(high) {
+            Some(better) => best = Some(better),
+            None => break,
+        }
+    }
     while best.is_none() {
         // All pieces are single cells.
         if high * longest < 0.5 {
@@ -154,7 +289,7 @@ fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Outco
         }
     }
     for _ in 0..HALVINGS {
-        let low = best.as_ref().map_or(high, |(scale, _)| *scale);
+        let low = best.as_ref().map_or(high, |(scale, _, _)| *scale);
         let middle = 0.5 * (low + high);
         match fitted(middle) {
             Some(better) => best = Some(better),
@@ -205,7 +340,7 @@ impl Outcome {
 impl Plan {
     /// Places the pieces in a square; stops where more area than `spare` finds no place.
     fn run(&self, stock: &Stock, pieces: &[Piece], side: usize, spare: f64) -> Outcome {
-        let mut sheet = Sheet::new(side, stock.longest, stock.kinds);
+        let mut sheet = Sheet::new(side, stock.longest, stock.kinds, stock.quick);
         let mut spots = vec![None; pieces.len()];
         let mut left = 0.0;
         for &piece in &self.order {
@@ -236,7 +371,7 @@ impl Plan {
     }
 
     /// A plan like this one, in which pieces that found no place come earlier.
-    fn changed(&self, left: &[usize], turns: usize, numbers: &mut Numbers) -> Self {
+    fn changed(&self, left: &[usize], turns: usize, numbers: &mut Random) -> Self {
         let mut plan = self.clone();
         let count = plan.order.len();
         for &piece in left {
@@ -272,7 +407,7 @@ struct Walker {
     plan: Plan,
     left: Vec<usize>,
     area: f64,
-    numbers: Numbers,
+    numbers: Random,
 }
 
 /// Mask and spot of each piece in the smallest square found, from one that holds all in quarter
@@ -283,10 +418,13 @@ fn improve(stock: &Stock, pieces: &[Piece], first: &Outcome) -> Vec<(usize, Spot
         let spots = outcome.spots.iter().flatten();
         spots.map(|&(turn, spot)| (angles * turn, spot)).collect()
     };
-    let mut best = placed(first, turns / 4);
+    let mut best = placed(first, turns.div_ceil(4));
     let Some(mut side) = first.side() else {
         return best;
     };
+    if pieces.len() > MOST_SEARCHED {
+        return best;
+    }
     let order = by_size(pieces);
     let mut walkers: Vec<Walker> = (0..WALKERS)
         .map(|k| Walker {
@@ -297,7 +435,7 @@ fn improve(stock: &Stock, pieces: &[Piece], first: &Outcome) -> Vec<(usize, Spot
             },
             left: Vec::new(),
             area: f64::INFINITY,
-            numbers: Numbers(k as u64),
+            numbers: Random::new(0, k as u64),
         })
         .collect();
     let mut work = 0;
@@ -351,18 +489,4 @@ fn improve(stock: &Stock, pieces: &[Piece], first: &Outcome) -> Vec<(usize, Spot
         }
     }
     best
-}
-
-/// Whole numbers from a fixed stream (SplitMix64).
-#[derive(Debug)]
-struct Numbers(u64);
-
-impl Numbers {
-    fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % count as u64) as usize
-    }
 }

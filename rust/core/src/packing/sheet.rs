@@ -56,13 +56,15 @@ pub(super) struct Sheet {
     gaps: Vec<i32>,
     /// Bands below which masks of each kind fit nowhere: what is taken stays so.
     floors: Vec<usize>,
+    /// Whether a floor rises to where the last mask of its kind came to lie.
+    quick: bool,
     /// Words read so far: the cost of the search.
     pub(super) work: u64,
 }
 
 impl Sheet {
     /// An empty square for masks of some kinds, none wider than `longest`.
-    pub(super) fn new(side: usize, longest: usize, kinds: usize) -> Self {
+    pub(super) fn new(side: usize, longest: usize, kinds: usize, quick: bool) -> Self {
         let cells = Grid::new(side, longest);
         Self {
             side,
@@ -72,6 +74,7 @@ impl Sheet {
             blocks: Grid::new(side.div_ceil(BLOCK), longest.div_ceil(BLOCK)),
             gaps: vec![side as i32; side],
             floors: vec![0; kinds],
+            quick,
         }
     }
 
@@ -132,6 +135,10 @@ impl Sheet {
 
     /// Takes the cells near a mask that lies at a spot.
     pub(super) fn place(&mut self, mask: &Mask, spot: Spot) {
+        if self.quick {
+            let floor = &mut self.floors[mask.kind];
+            *floor = (*floor).max(spot.y / BLOCK);
+        }
         let last = self.side as i64 - 1;
         let clamped = |cell: i32, by: usize| (i64::from(cell) + by as i64).clamp(0, last) as usize;
         for run in &mask.near {

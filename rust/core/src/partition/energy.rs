@@ -7,11 +7,16 @@ use super::charts::union;
 use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
+<<<<<<< HEAD
 use super::random::mixed;
+=======
+use super::touch::only_touches;
+>>>>>>> packing
 use crate::error::Result;
 use crate::flatten::polygon::{covered_twice, is_simple, turn};
 use crate::flatten::touch::only_touches;
 use crate::parallel::Buffers;
+use crate::random::mixed;
 
 /// What a chart costs by itself, in roots of the area: a tenth of it of seam. Without it tiny charts
 /// plug peaks.

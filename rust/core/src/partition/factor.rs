@@ -201,8 +201,8 @@ fn blocks(matrix: &Matrix) -> Result<Cholesky> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::random::Random;
     use super::*;
+    use crate::random::Random;
 
     /// The five-point Laplacian on a k x k grid with random weights.
     fn laplacian(k: usize) -> Matrix {

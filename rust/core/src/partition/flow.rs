@@ -311,8 +311,8 @@ impl Trees {
 
 #[cfg(test)]
 mod tests {
-    use super::super::random::Random;
     use super::*;
+    use crate::random::Random;
 
     fn cost(costs: &[[f64; 2]], edges: &[(usize, usize, f64)], sides: &[Side]) -> f64 {
         let nodes: f64 = costs

@@ -15,7 +15,6 @@ mod flow;
 mod geometry;
 mod merge;
 mod perturb;
-mod random;
 mod relax;
 mod repair;
 mod split;

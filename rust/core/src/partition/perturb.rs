@@ -7,9 +7,9 @@ use rayon::prelude::*;
 use super::charts::Charts;
 use super::energy::{Energies, Rule};
 use super::merge::merge;
-use super::random::Random;
 use super::relax::relax_towards;
 use super::split::split;
+use crate::random::Random;
 
 /// Perturbations of one state that are tried side by side. A fixed number, so that the outcome
 /// does not depend on the threads.

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::charts::{Charts, pieces, union};
 use super::energy::{Chart, Energies, Rule, SMALLEST};
-use super::random::Random;
 use super::split::split;
+use crate::random::Random;
 
 /// Splits of one chart that are compared.
 const TRIALS: u64 = 8;

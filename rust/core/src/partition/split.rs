@@ -2,7 +2,7 @@
 
 use super::charts::{join_small, pieces};
 use super::energy::Energies;
-use super::random::Random;
+use crate::random::Random;
 
 const ITERATIONS: usize = 20;
 

@@ -3,7 +3,7 @@
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// A well-mixed function of a number.
-pub(super) fn mixed(x: u64) -> u64 {
+pub(crate) fn mixed(x: u64) -> u64 {
     let mut z = x.wrapping_add(1).wrapping_mul(STEP);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -11,7 +11,7 @@ pub(super) fn mixed(x: u64) -> u64 {
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     pub fn new(seed: u64, stream: u64) -> Self {
