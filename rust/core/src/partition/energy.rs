@@ -7,11 +7,6 @@ use super::charts::union;
 use super::disk::{Disk, Marks, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
-<<<<<<< HEAD
-use super::random::mixed;
-=======
-use super::touch::only_touches;
->>>>>>> packing
 use crate::error::Result;
 use crate::flatten::polygon::{covered_twice, is_simple, turn};
 use crate::flatten::touch::only_touches;
