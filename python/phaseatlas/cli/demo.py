@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING
 
 from . import options
 from .process import say
 from .report import say_metrics, say_segmentation, say_tree
 from .segment import segmented
 
-__all__ = ["demo"]
+if TYPE_CHECKING:
+    from ..atlas import Atlas
+    from ..partitioning import Partition
 
-T = TypeVar("T")
+__all__ = ["demo"]
 
 # Height of the pictures in pixels.
 SIZE = 560
@@ -37,22 +38,30 @@ def demo(
     from ..partitioning import partition
 
     surface = datasets.starfish()
+
+    def draw(atlas: Atlas, name: str) -> None:
+        image = atlas.bake()
+        atlas.save(folder / f"{name}.glb", image=image)
+        plot.uv_layout(atlas, image, folder / f"{name}.png", size=SIZE)
+
+    def by_energy() -> tuple[Partition, Atlas, float]:
+        start = time.perf_counter()
+        charts = partition(surface)
+        atlas = build_atlas(charts)
+        draw(atlas, "atlas")
+        return charts, atlas, time.perf_counter() - start
+
     start = time.perf_counter()
-    # The partition is mostly the core's work, the segments mostly Python's: together they take
-    # little more than the longer of them.
+    # Neither keeps two cores busy by itself.
     with ThreadPoolExecutor(1) as pool:
-        waiting = pool.submit(_timed, lambda: partition(surface))
-        tree, solving = _timed(lambda: segmented(surface, levels))
+        waiting = pool.submit(by_energy)
+        tree = segmented(surface, levels)
+        solved = time.perf_counter()
         blended = build_atlas(tree)
-        charts, charting = waiting.result()
-    atlas = build_atlas(charts)
-    solved = time.perf_counter()
-    for each, name in ((atlas, "atlas"), (blended, "blended")):
-        image = each.bake()
-        each.save(folder / f"{name}.glb", image=image)
-        plot.uv_layout(each, image, folder / f"{name}.png", size=SIZE)
-    plot.segments(surface, tree.weights, folder / "segments.png", size=SIZE)
-    drawn = time.perf_counter()
+        draw(blended, "blended")
+        plot.segments(surface, tree.weights, folder / "segments.png", size=SIZE)
+        charts, atlas, seconds = waiting.result()
+    done = time.perf_counter()
     say("The charts of least energy, and their atlas:")
     say_segmentation(charts)
     say_metrics(atlas)
@@ -61,13 +70,8 @@ def demo(
     say_metrics(blended)
     say(
         "",
-        f"seconds: charts {charting:.2f}, segments {solving:.2f}, both side by side "
-        f"{solved - start:.2f}, textures and pictures {drawn - solved:.2f}",
+        f"seconds: the first atlas and its pictures {seconds:.2f}; beside it the segments "
+        f"{solved - start:.2f}, and with their atlas and pictures {done - start:.2f}",
     )
     for name in FILES:
         say(f"wrote {folder / name}")
-
-
-def _timed(work: Callable[[], T]) -> tuple[T, float]:
-    start = time.perf_counter()
-    return work(), time.perf_counter() - start
