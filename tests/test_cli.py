@@ -519,7 +519,7 @@ def test_atlas_of_charts_by_energy(model):
     assert f"charts {expected.n_segments}, non_disk 0" in result.stdout
     assert "flips 0, crossing 0, overlap 0" in result.stdout
     result = run("atlas", model, "-o", model.parent / "b.glb", "--max-charts", 2)
-    assert "charts 2, " in result.stdout or "max_charts" in result.stderr
+    assert re.match(r"charts [12], ", result.stdout)
 
 
 def test_atlas_of_a_cut_mesh(model):

@@ -99,7 +99,7 @@ impl Partition {
             labels = self.joined(&labels);
         }
         self.memory = Memory::new(reach);
-        self.give(labels);
+        self.give(&labels);
         Ok(())
     }
 
@@ -109,8 +109,8 @@ impl Partition {
         self.memory.tries = tries;
     }
 
-    fn give(&mut self, labels: Vec<u32>) {
-        self.given = labels;
+    fn give(&mut self, labels: &[u32]) {
+        self.given = numbered(&self.pieces(labels), labels.len());
         self.charts = OnceLock::new();
     }
 
@@ -131,21 +131,19 @@ impl Partition {
         self.charts = OnceLock::from(charts);
     }
 
+    /// The connected pieces of equal label, in the order of their first faces.
+    fn pieces(&self, labels: &[u32]) -> Vec<Vec<u32>> {
+        let all: Vec<u32> = (0..labels.len() as u32).collect();
+        let geometry = &self.energies.geometry;
+        self.energies
+            .with_marks(|marks| charts::pieces(geometry, &all, marks, |f| labels[f]))
+    }
+
     /// Labels of the connected pieces of equal label, small ones joined to others.
     fn joined(&self, labels: &[u32]) -> Vec<u32> {
         let geometry = &self.energies.geometry;
-        let all: Vec<u32> = (0..labels.len() as u32).collect();
-        let pieces = self
-            .energies
-            .with_marks(|marks| charts::pieces(geometry, &all, marks, |f| labels[f]));
-        let pieces = charts::join_small(geometry, pieces, energy::SMALLEST);
-        let mut labels = vec![0; labels.len()];
-        for (label, piece) in (0..).zip(&pieces) {
-            for &f in piece {
-                labels[f as usize] = label;
-            }
-        }
-        labels
+        let pieces = charts::join_small(geometry, self.pieces(labels), energy::SMALLEST);
+        numbered(&pieces, labels.len())
     }
 
     /// Starts anew from about `count` cells of similar normals.
@@ -266,6 +264,17 @@ impl Partition {
         self.rule.distortion = distortion;
         self.memory.clear();
     }
+}
+
+/// The number of the piece of each face.
+fn numbered(pieces: &[Vec<u32>], n_faces: usize) -> Vec<u32> {
+    let mut labels = vec![0; n_faces];
+    for (label, piece) in (0..).zip(pieces) {
+        for &f in piece {
+            labels[f as usize] = label;
+        }
+    }
+    labels
 }
 
 /// Labels numbered from 0 in the order of the values.
