@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files that can be read, and files that are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,7 +10,26 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-__all__ = ["write_bytes", "write_files", "write_whole"]
+__all__ = ["check_input", "write_bytes", "write_files", "write_whole"]
+
+
+def check_input(path: Path) -> None:
+    """Raise an error that starts with the path where there is no file with content.
+
+    Raises
+    ------
+    ValueError
+        For an empty file.
+    FileNotFoundError, IsADirectoryError
+        For a missing file and for a folder.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: a folder, not a file")
+    with path.open("rb") as file:
+        if not file.read(1):
+            raise ValueError(f"{path}: empty file")
 
 
 def write_bytes(path: str | PathLike[str], data: Any) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .arrays import Floats, Ints
-from .files import write_bytes
+from .files import check_input, write_bytes
 from .scene.gltf import check_extensions, glb, ruin_of_single_precision, translation
 from .scene.obj import digits_for, read_obj
 from .scene.ply import ply
@@ -48,13 +48,7 @@ def load(path: str | PathLike[str]) -> Surface:
         For a missing file and for a folder.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: a folder, not a file")
-    with path.open("rb") as file:
-        if not file.read(1):
-            raise ValueError(f"{path}: empty file")
+    check_input(path)
     try:
         vertices, faces = read_obj(path) if path.suffix.lower() == ".obj" else _read(path)
     except MemoryError:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import _core
 from ..arrays import Bools, Floats, Ints
+from ..partitioning.partition import DISTORTION
 from ..segmentation import Segmentation
 from ..surface import Surface
 from .charts import Domain
@@ -16,8 +17,6 @@ __all__ = ["blending_weights", "domains", "piece_domain", "pieces", "sharp_weigh
 
 # Longest edge of faces to attach, in roots of the area: a blend is to be narrow beside a chart.
 _LARGE = 0.1
-# Weight of the distortion in the choice of a split, the default of `partition`.
-_DISTORTION = 600.0
 
 
 def domains(segmentation: Segmentation, segment: int, threshold: float) -> list[Domain]:
@@ -141,7 +140,7 @@ def split(domain: Domain) -> list[Ints]:
     """
     piece = domain.faces[domain.labelled]
     assert domain.sharp is not None
-    core = _core.Partition(domain.sharp, _DISTORTION)
+    core = _core.Partition(domain.sharp, DISTORTION)
     core.forbid_overlap()
     if core.split_failing(2) == 0:
         core.set_cells(2)

@@ -108,13 +108,12 @@ def atlas(
         from ..scene.cut import cut_document
 
         document, scene, segmentation = cut_document(document, scene, segmentation)
-    method = flatten or ("bff" if levels is not None else "isometric")
     with warnings.catch_warnings():
         # What is wrong with the layout is said below.
         warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
         charts = build_atlas(
             segmentation,
-            flatten=method,
+            flatten=flatten,
             padding=padding,
             resolution=resolution,
             overlap=texture is not None,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Bytes, Floats
-from ..files import write_files
+from ..files import check_input, write_files
 from .accessors import read_gltf
 from .convert_gltf import as_gltf
 from .convert_obj import as_obj
@@ -227,13 +227,7 @@ def read_document(path: str | PathLike[str]) -> Document:
         For a missing file and for a folder.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: a folder, not a file")
-    with path.open("rb") as file:
-        if not file.read(1):
-            raise ValueError(f"{path}: empty file")
+    check_input(path)
     try:
         source = _read(path)
     except (KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:

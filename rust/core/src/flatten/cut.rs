@@ -4,10 +4,7 @@ use std::collections::BinaryHeap;
 
 use petgraph::unionfind::UnionFind;
 
-use crate::mesh::{NONE, TriangleMesh, distance};
-
-/// Factor on the length of an edge along which no seam is to run: more than any way around takes.
-const FORBIDDEN: f64 = 1e6;
+use crate::mesh::{FORBIDDEN, NONE, TriangleMesh, distance};
 
 /// Edges to cut along and their length.
 pub(super) struct Cut {

@@ -13,6 +13,10 @@ pub use topology::{Adjacency, NONE};
 /// the area then has fewer than four digits.
 pub(crate) const DEGENERATE: f64 = 1e-12;
 
+/// What an infinite factor on the length of a seam counts for where costs are added: more than any
+/// boundary, or any way around, is worth.
+pub(crate) const FORBIDDEN: f64 = 1e6;
+
 /// An edge-manifold, vertex-manifold, consistently oriented triangle mesh with or without boundary,
 /// connected unless built of [`Self::pieces`], and the quantities of section 3 that depend on it alone.
 ///

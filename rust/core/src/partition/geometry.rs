@@ -6,12 +6,10 @@ use petgraph::unionfind::UnionFind;
 
 use crate::error::Result;
 use crate::linear::Ordering;
-use crate::mesh::{Adjacency, NONE, TriangleMesh, distance};
+use crate::mesh::{Adjacency, FORBIDDEN, NONE, TriangleMesh, distance};
 use crate::operators::{DirichletSystem, Stiffness};
 use crate::surface::Surface;
 
-/// Factor on the length of an edge along which no seam may run: more than any boundary is worth.
-const FORBIDDEN: f64 = 1e6;
 /// Faces above which the order of elimination is the one that is found soonest.
 const FINE: usize = 200_000;
 
