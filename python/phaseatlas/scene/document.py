@@ -24,7 +24,7 @@ from .ply import read_ply
 from .sources import CutSource, GltfSource, LooseSource, Source, as_ply
 from .stl import read_stl
 
-__all__ = ["Document", "read_document"]
+__all__ = ["Document", "read_document", "write_contents"]
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 
@@ -167,10 +167,7 @@ class Document:
     ) -> tuple[str, ...]:
         """Write what `with_uv` returns, whole or not at all, and return its notes."""
         contents = self.with_uv(path, uvs, image=image, uv_set=uv_set, baked=baked)
-        for file in contents.files:
-            if file.parent != Path(path).parent:
-                file.parent.mkdir(parents=True, exist_ok=True)
-        write_files(contents.files)
+        write_contents(contents, Path(path))
         return contents.notes
 
     def _lost_polygons(self) -> list[str]:
@@ -198,6 +195,14 @@ class Document:
             if json.get("materials"):
                 lost.append("of materials only the base colour is kept")
         return lost
+
+
+def write_contents(contents: Contents, path: Path) -> None:
+    """Write what `Document.with_uv` returned for a path, whole or not at all."""
+    for file in contents.files:
+        if file.parent != path.parent:
+            file.parent.mkdir(parents=True, exist_ok=True)
+    write_files(contents.files)
 
 
 def _only_set(uv_set: int | None, last: int) -> None:

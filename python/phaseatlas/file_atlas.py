@@ -1,0 +1,375 @@
+"""From a file of meshes to the same file with an atlas, in one call."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from ._core import __version__
+from .arrays import Bytes
+from .atlas import Atlas, build_atlas
+from .atlas.bake import check_resolution, load_image
+from .atlas.flatten import FLATTENINGS, Flattening
+from .atlas.packing import check_packing
+from .optimise import AreaConstraint, Solver
+from .partitioning import Partition, check_options, partition
+from .partitioning.partition import DISTORTION, Effort
+from .quality import QualityWarning
+from .scene.check import check_layout
+from .scene.cut import cut_document
+from .scene.document import read_document, write_contents
+from .scene.mesh import Contents
+from .scene.rebake import rebake
+from .scene.scene import NoAreaError, Scene, no_places, scene_in
+from .segmentation import Options, SceneSegmentation
+from .segmentation.options import Initial, Law
+from .segmentation.segment import segment
+
+__all__ = ["CHECKER", "AtlasOptions", "FileAtlas", "atlas_file"]
+
+# What is given as a texture to have the checker of the library.
+CHECKER = "checker"
+# Options of one of the two ways to charts, which mean nothing to the other.
+_OF_THE_TREE = ("connected", "law", "area", "epsilon", "solver", "initial")
+_OF_THE_PARTITION = ("max_distortion", "max_charts", "effort")
+
+
+@dataclass(frozen=True)
+class AtlasOptions:
+    """How a file gets its atlas.
+
+    Parameters
+    ----------
+    levels : int, optional
+        Cut into the 2^levels segments of equal area of `segment`; without it into the charts of
+        least energy of `partition`.
+    distortion : float, optional
+        As in `partition`, 600 where it is left out; with `levels` as in `segment`, and 0.
+    max_distortion, max_charts, effort
+        As in `partition`; not with `levels`.
+    connected, law, area, epsilon, solver, initial
+        As in `segment`; with `levels` alone.
+    seed : int, default 0
+        Of what is random.
+    flatten : {"isometric", "bff", "lscm"}, optional
+        As in `build_atlas`.
+    weld : float, default 0
+        Join vertices nearer than this, in the units of the mesh.
+    cut : bool, default False
+        Cut triangles along straightened seams: the mesh that is written is a new one.
+    uv_set : int, optional
+        As in `scene.document.Document.with_uv`.
+    texture : str or PathLike, optional
+        An image to repeat over the charts, or ``"checker"``. None is made where it is left out.
+    rebake : bool, default False
+        Bake the file's own textures and colours into pictures of the atlas.
+    resolution : int, default 1024
+        Side of the texture in texels.
+    padding : int, default 4
+        Least distance of the charts in texels.
+
+    Raises
+    ------
+    ValueError
+        For a value that cannot be used; the message starts with its name.
+    """
+
+    levels: int | None = None
+    distortion: float | None = None
+    max_distortion: float | None = None
+    max_charts: int | None = None
+    effort: Effort = "normal"
+    connected: bool = True
+    law: Law = "sharp"
+    area: AreaConstraint = "lagrangian"
+    epsilon: float | None = None
+    solver: Solver = "lbfgs"
+    initial: Initial = "auto"
+    seed: int = 0
+    flatten: Flattening | None = None
+    weld: float = 0.0
+    cut: bool = False
+    uv_set: int | None = None
+    texture: str | PathLike[str] | None = None
+    rebake: bool = False
+    resolution: int = 1024
+    padding: int = 4
+
+    def __post_init__(self) -> None:
+        defaults = type(self).__dataclass_fields__
+        for name in _OF_THE_TREE if self.levels is None else _OF_THE_PARTITION:
+            if getattr(self, name) != defaults[name].default:
+                raise ValueError(
+                    f"{name}: value must be given with levels alone"
+                    if self.levels is None
+                    else f"{name}: value must not be given with levels"
+                )
+        if self.rebake and self.texture is not None:
+            raise ValueError("rebake: value must not be given with texture")
+        if self.flatten not in (None, *FLATTENINGS):
+            raise ValueError(f"flatten: {self.flatten!r} must be one of {FLATTENINGS}")
+        check_resolution(self.resolution)
+        check_packing(self.padding, self.resolution)
+        if self.levels is None:
+            check_options(**self.of_partition())
+        else:
+            Options(**self.of_tree())
+
+    def of_partition(self) -> dict[str, Any]:
+        """Options of `partition`."""
+        return {
+            "distortion": DISTORTION if self.distortion is None else self.distortion,
+            "max_distortion": self.max_distortion,
+            "max_charts": self.max_charts,
+            "effort": self.effort,
+            "seed": self.seed,
+        }
+
+    def of_tree(self) -> dict[str, Any]:
+        """Options of `segment`, its levels aside."""
+        weight = 0.0 if self.distortion is None else self.distortion
+        return {
+            "distortion": weight,
+            "seed": self.seed,
+            **{name: getattr(self, name) for name in _OF_THE_TREE},
+        }
+
+    def given(self) -> dict[str, Any]:
+        """Values that are not the defaults, as JSON can hold them."""
+        defaults = type(self).__dataclass_fields__
+        return {
+            name: str(value) if isinstance(value, PathLike) else value
+            for name, value in asdict(self).items()
+            if value != defaults[name].default
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FileAtlas:
+    """What was made of a file.
+
+    Attributes
+    ----------
+    source, output : Path
+        The file that was read, and the one that was written.
+    options : AtlasOptions
+    scene : Scene or None
+        The repaired meshes; None where no face has an area, and with it the next three. With `cut`
+        those of the new mesh.
+    segmentation : SceneSegmentation or None
+    atlas : Atlas or None
+    before : Scene or None
+        The repaired meshes of the file; another scene than `scene` with `cut` alone.
+    files : tuple of Path
+        All files that were written.
+    notes : tuple of str
+        Sentences about what the output cannot hold, or about what was made.
+    warnings : tuple of str
+        What is worse than asked for.
+    seconds : float
+        What it took.
+    """
+
+    source: Path
+    output: Path
+    options: AtlasOptions
+    scene: Scene | None
+    segmentation: SceneSegmentation | None
+    atlas: Atlas | None
+    before: Scene | None = None
+    files: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    def record(self) -> dict[str, Any]:
+        """Return what JSON can hold of it.
+
+        Returns
+        -------
+        dict
+            - ``input``, ``output``: paths; ``files``: all that were written.
+            - ``version``: of the package.
+            - ``options``: those that were not left at their defaults.
+            - ``pieces``, ``segments``, ``charts``: numbers of connected pieces, segments, charts.
+            - ``shares``: part of the area of each segment, which sum to 1.
+            - ``energy``: of a file of one piece cut into charts by energy, the ``energy``,
+              ``seam``, ``cuts`` and ``distortion`` of `partition`; else None.
+            - ``metrics``: as `Atlas.metrics`; empty where no face has an area.
+            - ``flaws``: as `Atlas.diagnostics`.
+            - ``notes``, ``warnings``: sentences.
+            - ``seconds``: what it took.
+        """
+        found: dict[str, Any] = {
+            "input": str(self.source),
+            "output": str(self.output),
+            "files": [str(path) for path in self.files],
+            "version": __version__,
+            "options": self.options.given(),
+            "pieces": 0,
+            "segments": 0,
+            "charts": 0,
+            "shares": [],
+            "energy": None,
+            "metrics": {},
+            "flaws": {},
+            "notes": list(self.notes),
+            "warnings": list(self.warnings),
+            "seconds": self.seconds,
+        }
+        if self.segmentation is not None and self.atlas is not None:
+            parts = self.segmentation.parts
+            found |= {
+                "pieces": len(parts),
+                "segments": self.segmentation.n_segments,
+                "charts": len(self.atlas.charts),
+                "shares": (self.segmentation.areas / self.segmentation.surface.area).tolist(),
+                "metrics": self.atlas.metrics(),
+                "flaws": asdict(self.atlas.diagnostics),
+            }
+            if len(parts) == 1 and isinstance(parts[0], Partition):
+                last = parts[0].diagnostics[-1]
+                names = ("energy", "seam", "cuts", "distortion")
+                found["energy"] = {name: getattr(last, name) for name in names}
+        return found
+
+
+def atlas_file(
+    source: str | PathLike[str],
+    output: str | PathLike[str],
+    options: AtlasOptions | None = None,
+    *,
+    progress: Callable[[Any], None] | None = None,
+) -> FileAtlas:
+    """Give all meshes of a file one atlas, and write the file with the new texture coordinates.
+
+    The file keeps all else that it holds. What is written has been checked: every face has its
+    place, none is turned over, no texel is covered twice.
+
+    Parameters
+    ----------
+    source : str or PathLike
+        A GLB, glTF, OBJ, PLY, STL or OFF file.
+    output : str or PathLike
+        A `.glb`, `.gltf` or `.obj` file; `.ply` where the source is a PLY, STL or OFF file.
+        Written whole or not at all.
+    options : AtlasOptions, optional
+    progress : callable, optional
+        Called with each `Phase` of `partition`, or the `Progress` of `segment`.
+
+    Returns
+    -------
+    FileAtlas
+
+    Raises
+    ------
+    ValueError
+        For a file or an image that cannot be read, an output of another suffix, and a layout that
+        must not be written.
+    OSError
+        For files that cannot be read or written.
+
+    Warns
+    -----
+    QualityWarning
+        Of a result that is worse than asked for.
+    """
+    source, output = Path(source), Path(output)
+    options = AtlasOptions() if options is None else options
+    start = time.perf_counter()
+    with _heard() as said:
+        made = _made(source, output, options, progress)
+    for message in said:
+        warnings.warn(message, QualityWarning, stacklevel=2)
+    return replace(made, warnings=tuple(said), seconds=time.perf_counter() - start)
+
+
+def _made(
+    source: Path,
+    output: Path,
+    options: AtlasOptions,
+    progress: Callable[[Any], None] | None,
+) -> FileAtlas:
+    picture = _picture(options.texture)
+    document = read_document(source)
+    result = FileAtlas(source, output, options, None, None, None)
+    try:
+        scene = scene_in(document, weld=options.weld, whole=not options.cut)
+    except NoAreaError:
+        places = no_places(document.meshes)
+        words = "no face has an area: all texture coordinates are 0, and no texture is made"
+        contents = document.with_uv(output, places, uv_set=options.uv_set)
+        return _written(result, contents, words)
+    before = scene
+    segmentation = (
+        partition(scene, progress=progress, **options.of_partition())
+        if options.levels is None
+        else segment(scene, options.levels, progress=progress, **options.of_tree())
+    )
+    if options.cut:
+        document, scene, segmentation = cut_document(document, scene, segmentation)
+    with warnings.catch_warnings():
+        # What is wrong with the layout is said below.
+        warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
+        atlas = build_atlas(
+            segmentation,
+            flatten=options.flatten,
+            padding=options.padding,
+            resolution=options.resolution,
+            overlap=options.texture is not None,
+        )
+    corners = scene.corners(atlas.uv)
+    try:
+        check_layout(scene, corners, atlas, even=options.levels is None)
+    except ValueError as error:
+        raise ValueError(f"{source}: {output} is not written: {error}") from error
+    image = None if options.texture is None else atlas.bake(picture, resolution=options.resolution)
+    baked = None
+    if options.rebake:
+        baked = rebake(document, scene, corners, resolution=options.resolution)
+    contents = document.with_uv(output, corners, image=image, uv_set=options.uv_set, baked=baked)
+    result = replace(result, scene=scene, segmentation=segmentation, atlas=atlas, before=before)
+    return _written(result, contents, *(baked.notes if baked else ()))
+
+
+def _picture(texture: str | PathLike[str] | None) -> Bytes | None:
+    """Read the image of a texture; None for the checker and for none."""
+    if texture is None or str(texture) == CHECKER:
+        return None
+    try:
+        return load_image(texture)
+    except MemoryError:
+        raise
+    except Exception as error:
+        # Each format fails in its own way; a file that cannot be opened says so itself.
+        if isinstance(error, OSError) and error.filename is not None:
+            raise
+        raise ValueError(f"{texture}: cannot be read as an image: {error}") from error
+
+
+def _written(result: FileAtlas, contents: Contents, *notes: str) -> FileAtlas:
+    """Write the files, whole or not at all."""
+    write_contents(contents, result.output)
+    return replace(result, files=tuple(contents.files), notes=(*contents.notes, *notes))
+
+
+@contextmanager
+def _heard() -> Iterator[list[str]]:
+    """Give the list of what the package warns of; the warnings are issued when the block ends."""
+    said: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", QualityWarning)
+        try:
+            yield said
+        finally:
+            ours = [w for w in caught if issubclass(w.category, QualityWarning)]
+            said += dict.fromkeys(str(w.message) for w in ours)
+    for other in caught:
+        if other not in ours:
+            warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
