@@ -23,6 +23,7 @@ from .partitioning.partition import DISTORTION, Effort
 from .quality import QualityWarning
 from .scene.check import check_layout
 from .scene.cut import cut_document
+from .scene.describe import defects
 from .scene.document import read_document, write_contents
 from .scene.mesh import Contents
 from .scene.rebake import rebake
@@ -203,6 +204,7 @@ class FileAtlas:
               ``seam``, ``cuts`` and ``distortion`` of `partition`; else None.
             - ``metrics``: as `Atlas.metrics`; empty where no face has an area.
             - ``flaws``: as `Atlas.diagnostics`.
+            - ``defects``: number of each kind that was repaired; see `scene.repair.RepairReport`.
             - ``notes``, ``warnings``: sentences.
             - ``seconds``: what it took.
         """
@@ -219,6 +221,7 @@ class FileAtlas:
             "energy": None,
             "metrics": {},
             "flaws": {},
+            "defects": {},
             "notes": list(self.notes),
             "warnings": list(self.warnings),
             "seconds": self.seconds,
@@ -232,6 +235,7 @@ class FileAtlas:
                 "shares": (self.segmentation.areas / self.segmentation.surface.area).tolist(),
                 "metrics": self.atlas.metrics(),
                 "flaws": asdict(self.atlas.diagnostics),
+                "defects": {} if self.before is None else defects(self.before.report),
             }
             if len(parts) == 1 and isinstance(parts[0], Partition):
                 last = parts[0].diagnostics[-1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from ..partitioning import Partition
 from ..scene.gltf import glb, ruin_of_single_precision, translation
 from ..scene.obj import obj
 from ..segmentation import SceneSegmentation, Segmentation, SegmentTree
+from ..threads import n_threads
 from .bake import Texture, bake, blend_vertices, checker
 from .charts import Chart, Layout
 from .domains import blending_weights, domains, piece_domain, pieces, sharp_weights, split
@@ -64,6 +64,10 @@ class Atlas(Layout):
 
     def metrics(self) -> dict[str, float]:
         """Charts, seam, distortion, flips, overlap and packing; see `metrics.atlas_metrics`."""
+        return dict(self._metrics)
+
+    @cached_property
+    def _metrics(self) -> dict[str, float]:
         return atlas_metrics(self.surface, self.uv, flaws=self.diagnostics)
 
     def bake(
@@ -235,7 +239,7 @@ def _charts(
     """
     if method is None and not isinstance(segmentation, SceneSegmentation):
         method = "isometric" if isinstance(segmentation, Partition) else "bff"
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(n_threads()) as pool:
         if isinstance(segmentation, SceneSegmentation):
             done = pool.map(
                 lambda part: _charts(part, threshold, method, overlap), segmentation.parts

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from ..meanings import METRICS
 from .atlas import atlas
 from .demo import demo
 from .meshes import info, remesh
@@ -39,5 +40,11 @@ def phaseatlas(
         raise typer.Exit(USAGE)
 
 
+# \b keeps the lines of a paragraph apart.
+_FIGURES = "\b\nFigures of an atlas:\n" + "\n".join(
+    f"  {name:10}  {meaning}" for name, meaning in METRICS.items()
+)
+
 for command in (segment, atlas, remesh, info, demo):
-    app.command(command.__name__)(checked(command))
+    epilog = _FIGURES if command is atlas else None
+    app.command(command.__name__, epilog=epilog)(checked(command))

@@ -9,8 +9,8 @@ import typer
 
 from . import options
 from .output import check_output
-from .process import say
-from .report import phases, progress, say_cut, say_metrics, say_segmentation
+from .process import Record, say
+from .report import phases, progress, say_cut, say_metrics, say_segmentation, say_written
 
 __all__ = ["atlas"]
 
@@ -43,7 +43,7 @@ def atlas(
     solver: options.Solver = "lbfgs",
     initial: options.Initial = "auto",
     strict: options.Strict = False,
-) -> None:
+) -> Record:
     """Give all meshes of a file one atlas: cut them into charts and write them with their places.
 
     The file keeps all else that it holds. The charts are those of least energy, few and of short
@@ -80,9 +80,10 @@ def atlas(
         made = atlas_file(mesh, output, options_of_file, progress=report)
     for note in made.notes:
         say(f"note: {note}")
-    if made.scene is None or made.segmentation is None or made.atlas is None:
-        return
-    if cut and made.before is not None:
-        say_cut(made.before, made.scene)
-    say_segmentation(made.segmentation)
-    say_metrics(made.atlas)
+    if made.scene is not None and made.segmentation is not None and made.atlas is not None:
+        if cut and made.before is not None:
+            say_cut(made.before, made.scene)
+        say_segmentation(made.segmentation)
+        say_metrics(made.atlas)
+    say_written(*made.files)
+    return made.record()

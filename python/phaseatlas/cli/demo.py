@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import options
-from .process import say
-from .report import say_metrics, say_segmentation, say_tree
+from .process import Record, say
+from .report import say_metrics, say_segmentation, say_tree, say_written
 from .segment import segmented
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def demo(
     folder: options.Folder = Path("phaseatlas-demo"),
     levels: options.Levels = 3,
     strict: options.Strict = False,
-) -> None:
+) -> Record:
     """Run all of it on a surface made here, with pictures: the atlas, and the paper's segments."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder: {folder} must be a folder")
@@ -73,5 +73,9 @@ def demo(
         f"seconds: the first atlas and its pictures {seconds:.2f}; beside it the segments "
         f"{solved - start:.2f}, and with their atlas and pictures {done - start:.2f}",
     )
-    for name in FILES:
-        say(f"wrote {folder / name}")
+    files = [folder / name for name in FILES]
+    say_written(*files)
+    return {
+        "files": [str(file) for file in files],
+        "metrics": {"atlas": atlas.metrics(), "blended": blended.metrics()},
+    }

@@ -9,8 +9,8 @@ import typer
 
 from . import options
 from .output import check_output
-from .process import say
-from .report import say_meshes, say_surface
+from .process import Record, say
+from .report import say_meshes, say_surface, say_written
 
 __all__ = ["info", "remesh"]
 
@@ -23,7 +23,7 @@ def remesh(
     edge_length: options.EdgeLength = None,
     feature_angle: options.FeatureAngle = 45.0,
     strict: options.Strict = False,
-) -> None:
+) -> Record:
     """Remesh a mesh with even triangles; coarse or uneven ones segment better for it."""
     from ..io import MESH_SUFFIXES, load, save_mesh
     from ..remesh import remesh as remesh_surface
@@ -32,24 +32,24 @@ def remesh(
     surface = remesh_surface(load(mesh), edge_length, feature_angle)
     save_mesh(surface, output)
     say_surface(surface)
+    say_written(output)
+    from ..scene.describe import figures
+
+    return {"input": str(mesh), "output": str(output), "files": [str(output)], **figures(surface)}
 
 
-def info(mesh: options.Mesh, as_json: options.Json = False) -> None:
+def info(mesh: options.Mesh) -> Record:
     """Print what a file of meshes holds: size, topology, defects, materials, textures, instances.
 
     Any file will do: what is no manifold is repaired first, and what that took is said.
     """
-    from ..scene.describe import describe, summed
+    from ..scene.describe import describe
     from ..scene.document import read_document
     from ..scene.scene import scene_in
 
     document = read_document(mesh)
     scene = scene_in(document)
-    if as_json:
-        import json
-
-        say(json.dumps(describe(document, scene), allow_nan=False))
-        return
     say_surface(scene)
     say_meshes(document.meshes, scene)
-    say(*summed([placed.repaired.report for placed in scene.meshes]).sentences())
+    say(*scene.report.sentences())
+    return describe(document, scene)

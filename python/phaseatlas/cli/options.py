@@ -28,13 +28,16 @@ __all__ = [
     "MaxDistortion",
     "Mesh",
     "Padding",
+    "Quiet",
     "Rebake",
     "Resolution",
     "Seed",
     "Solver",
     "Strict",
     "Texture",
+    "Threads",
     "UvSet",
+    "Verbose",
     "Weld",
 ]
 
@@ -47,7 +50,27 @@ Folder = Annotated[
 Strict = Annotated[
     bool, typer.Option("--strict", help="Write the output, but exit with code 3 after warnings.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+
+# Of every command.
+Json = Annotated[
+    Path | None,
+    typer.Option(
+        "--json",
+        metavar="[FILE.json|-]",
+        help="Write a record of the run; with - to standard output, and nothing else there.",
+        show_default="no record",
+    ),
+]
+Quiet = Annotated[
+    bool, typer.Option("-q", "--quiet", help="Print warnings and errors alone, no progress.")
+]
+Verbose = Annotated[
+    bool, typer.Option("-v", "--verbose", help="Tell each step on the error stream.")
+]
+Threads = Annotated[
+    int | None,
+    typer.Option(help="Number of threads.", show_default="that of the cores", min=1),
+]
 
 # Of the segmentation.
 Levels = Annotated[int, typer.Option(help="Depth of the binary tree: 2^levels segments.")]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from .process import say
+from ..meanings import METRICS
+from .process import complain, on_terminal, say, verbose
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..atlas import Atlas
     from ..partitioning import Phase
     from ..scene.mesh import Mesh
@@ -26,6 +30,7 @@ __all__ = [
     "say_segmentation",
     "say_surface",
     "say_tree",
+    "say_written",
 ]
 
 # What is drawn of a state: how much is done of how much, and words; without a total the bar pulses.
@@ -61,7 +66,10 @@ def phases() -> Iterator[Callable[[Phase], None] | None]:
 
 @contextmanager
 def _bar() -> Iterator[Callable[[_Drawn], None] | None]:
-    if not sys.stderr.isatty():
+    if verbose():
+        yield _told()
+        return
+    if not on_terminal():
         yield None
         return
     # Imported for the bar alone.
@@ -72,6 +80,7 @@ def _bar() -> Iterator[Callable[[_Drawn], None] | None]:
         rich.progress.BarColumn(),
         rich.progress.TextColumn("{task.description}"),
         rich.progress.TimeElapsedColumn(),
+        rich.progress.TimeRemainingColumn(),
         console=rich.console.Console(stderr=True),
         transient=True,
     )
@@ -83,6 +92,23 @@ def _bar() -> Iterator[Callable[[_Drawn], None] | None]:
             bar.update(task, total=total, completed=completed, description=words)
 
         yield draw
+
+
+def _told() -> Callable[[_Drawn], None]:
+    """Give a callback that prints a line for each new step, and one a second within it."""
+    start = last = time.perf_counter()
+    step: tuple[int, str] | None = None
+
+    def tell(drawn: _Drawn) -> None:
+        nonlocal last, step
+        completed, _, words = drawn
+        now = time.perf_counter()
+        reached = completed, words.partition(",")[0]
+        if reached != step or now - last >= 1:
+            complain(f"{now - start:.1f} s: {words}")
+            last, step = now, reached
+
+    return tell
 
 
 def say_surface(surface: Surface) -> None:
@@ -199,16 +225,36 @@ def say_cut(before: Scene, after: Scene) -> None:
 
 
 def say_metrics(atlas: Atlas) -> None:
-    """Print the figures of an atlas in one line."""
-    say(", ".join(f"{name} {value:.4g}" for name, value in atlas.metrics().items()))
+    """Print the figures of an atlas, and on a terminal what each means."""
+    found = {name: f"{value:.4g}" for name, value in atlas.metrics().items()}
+    if not sys.stdout.isatty():
+        _say_pairs(found)
+        return
+    names, values = (max(map(len, each)) for each in (found, found.values()))
+    say(*(f"{name:{names}}  {value:>{values}}  {METRICS[name]}" for name, value in found.items()))
+
+
+def say_written(*files: Path) -> None:
+    """Print the files that were written."""
+    say(*(f"wrote {file}" for file in files))
 
 
 def _say_pairs(pairs: Mapping[str, str]) -> None:
+    if not sys.stdout.isatty():
+        say(*(f"{name}: {value}" for name, value in pairs.items()))
+        return
     width = max(map(len, pairs))
     say(*(f"{name:{width}}  {value}" for name, value in pairs.items()))
 
 
 def _say_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on a terminal, and in a pipe a line a row, which starts with its name."""
+    if not sys.stdout.isatty():
+        kind, *others = headings
+        for name, *cells in rows:
+            said = (f"{head} {cell}" for head, cell in zip(others, cells, strict=True))
+            say(f"{kind} {name}: {', '.join(said)}")
+        return
     widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]
     for row in (headings, *rows):
         say("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)))

@@ -30,7 +30,8 @@ def run() -> int:
         # A file's name may not be text in the encoding of the terminal.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        return app(prog_name="phaseatlas", standalone_mode=False) or 0
+        arguments = _json_last(sys.argv[1:])
+        return app(arguments, prog_name="phaseatlas", standalone_mode=False) or 0
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         command = "phaseatlas" if context is None else context.command_path
@@ -49,3 +50,13 @@ def run() -> int:
     except (ValueError, RuntimeError, ImportError, MemoryError) as error:
         complain(str(error) or type(error).__name__)
         return FAILED
+
+
+def _json_last(arguments: list[str]) -> list[str]:
+    """Give ``--json`` its operand where it was left out: ``-``, for standard output."""
+    done: list[str] = []
+    for argument, following in zip(arguments, [*arguments, ""][1:], strict=True):
+        done.append(argument)
+        if argument == "--json" and following != "-" and not following.endswith(".json"):
+            done.append("-")
+    return done

@@ -9,7 +9,8 @@ import typer
 
 from . import options
 from .output import check_output
-from .report import progress, say_segmentation, say_tree
+from .process import Record
+from .report import progress, say_segmentation, say_tree, say_written
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -35,7 +36,7 @@ def segment(
     initial: options.Initial = "auto",
     seed: options.Seed = 0,
     strict: options.Strict = False,
-) -> None:
+) -> Record:
     """Segment a mesh into 2^levels connected segments of equal area.
 
     Those of a file of several pieces are given out to the pieces by area, at least one each.
@@ -72,6 +73,33 @@ def segment(
         say_tree(segments)
     else:
         say_segmentation(segments)
+    say_written(output)
+    return {
+        "input": str(mesh),
+        "output": str(output),
+        "files": [str(output)],
+        **_figures(segments, scene),
+    }
+
+
+def _figures(segments: SegmentTree | SceneSegmentation, scene: Scene) -> Record:
+    """Return what JSON can hold of segments."""
+    from ..segmentation import SegmentTree
+
+    trees = [segments] if isinstance(segments, SegmentTree) else segments.trees
+    solved = [tree for tree in trees if tree is not None]
+    nodes = [node for tree in solved for node in tree.diagnostics]
+    areas = segments.areas
+    return {
+        "pieces": len(scene.pieces),
+        "segments": len(areas),
+        "areas": areas,
+        "shares": areas / areas.sum(),
+        "components": [int(parts) for tree in solved for parts in tree.components],
+        "length": sum(node.length for node in nodes),
+        "iterations": sum(node.iterations for node in nodes),
+        "violation": max((abs(node.violation) for node in nodes), default=0.0),
+    }
 
 
 @overload

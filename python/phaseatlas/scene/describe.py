@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -14,7 +13,7 @@ from .document import Document
 from .repair import RepairReport
 from .scene import Scene
 
-__all__ = ["describe", "summed"]
+__all__ = ["defects", "describe", "figures"]
 
 # Fields of a report that count no defect.
 _NO_DEFECTS = ("polygons", "faces", "components", "boundary_loops")
@@ -69,7 +68,7 @@ def describe(document: Document, scene: Scene) -> dict[str, Any]:
                 "boundary_loops": report.boundary_loops,
                 "area": _number(scene.face_areas[placed.first_face : last].sum()),
                 "polygons": _polygons(report),
-                "defects": _defects(report),
+                "defects": defects(report),
                 "materials": list(mesh.materials),
                 "uv_sets": mesh.uv_sets,
                 "vertex_colours": mesh.vertex_colours,
@@ -79,32 +78,20 @@ def describe(document: Document, scene: Scene) -> dict[str, Any]:
                 ],
             }
         )
-    whole = summed([mesh.repaired.report for mesh in scene.meshes])
+    whole = scene.report
     return {
         "file": str(document.path),
-        **_figures(scene),
+        **figures(scene),
         "components": whole.components,
         "polygons": _polygons(whole),
-        "defects": _defects(whole),
+        "defects": defects(whole),
         "materials": list(dict.fromkeys(name for m in document.meshes for name in m.materials)),
         "meshes": meshes,
     }
 
 
-def summed(reports: Sequence[RepairReport]) -> RepairReport:
-    """Return the report of several meshes as if they were one."""
-    sizes = Counter[int]()
-    for report in reports:
-        sizes.update(dict(report.polygons))
-    counts = {
-        field.name: sum(getattr(report, field.name) for report in reports)
-        for field in fields(RepairReport)
-        if field.name != "polygons"
-    }
-    return RepairReport(polygons=tuple(sorted(sizes.items())), **counts)
-
-
-def _figures(surface: Surface) -> dict[str, Any]:
+def figures(surface: Surface) -> dict[str, Any]:
+    """Return size, topology, area, edge lengths and quality of a surface, as `describe` does."""
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     return {
         "vertices": surface.n_vertices,
@@ -128,6 +115,7 @@ def _polygons(report: RepairReport) -> dict[str, int]:
     return {str(size): count for size, count in report.polygons}
 
 
-def _defects(report: RepairReport) -> dict[str, int]:
+def defects(report: RepairReport) -> dict[str, int]:
+    """Number of each kind of defect by its name."""
     names = [field.name for field in fields(report) if field.name not in _NO_DEFECTS]
     return {name: getattr(report, name) for name in names}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +15,7 @@ from .. import _core
 from ..arrays import Bools, Floats, Ints
 from ..surface import Surface
 
-__all__ = ["Aside", "Component", "RepairReport", "Repaired", "components", "repair"]
+__all__ = ["Aside", "Component", "RepairReport", "Repaired", "components", "repair", "summed"]
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,19 @@ class RepairReport:
             if count := getattr(self, name):
                 lines.append((one if count == 1 else many).format(f"{count:,}"))
         return lines
+
+
+def summed(reports: Sequence[RepairReport]) -> RepairReport:
+    """Return the report of several meshes as if they were one."""
+    sizes = Counter[int]()
+    for report in reports:
+        sizes.update(dict(report.polygons))
+    counts = {
+        field.name: sum(getattr(report, field.name) for report in reports)
+        for field in fields(RepairReport)
+        if field.name != "polygons"
+    }
+    return RepairReport(polygons=tuple(sorted(sizes.items())), **counts)
 
 
 # Field, and the sentence for one and for more.

@@ -15,7 +15,7 @@ from ..arrays import Floats, Ints
 from ..surface import Surface
 from .document import Document, read_document
 from .mesh import Mesh
-from .repair import Component, Repaired, components, repair
+from .repair import Component, Repaired, RepairReport, components, repair, summed
 
 __all__ = [
     "NoAreaError",
@@ -136,6 +136,11 @@ class Scene(Surface):
     def genus(self) -> int:
         """Sum of the genera of the pieces."""
         return sum(piece.surface.genus for piece in self.pieces)
+
+    @property
+    def report(self) -> RepairReport:
+        """What was repaired in all meshes."""
+        return summed([mesh.repaired.report for mesh in self.meshes])
 
     def corners(self, uv: ArrayLike) -> list[Floats]:
         """Carry values at the corners of the faces back to all corners of each mesh.
