@@ -621,7 +621,10 @@ def test_records(model, arguments):
 
 def test_the_place_of_a_record_is_checked_first(model):
     before = sorted(model.parent.iterdir())
-    for where, words in (("none/r.json", "json: the folder of"), (model.name, "unexpected extra argument")):
+    for where, words in (
+        ("none/r.json", "json: the folder of"),
+        (model.name, "unexpected extra argument"),
+    ):
         arguments = ["segment", model.name, "-o", "a.npz", "--json", where]
         assert words in failure(run(*arguments, cwd=model.parent), 2)
     assert sorted(model.parent.iterdir()) == before

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from ._core import __version__
     from .atlas import Atlas, Chart, build_atlas
     from .cutting import cut_along_seams
+    from .file_atlas import AtlasOptions, FileAtlas, atlas_file
     from .io import load, save_mesh, save_ply
     from .partitioning import Partition
     from .partitioning.partition import partition
@@ -33,10 +34,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Atlas",
+    "AtlasOptions",
     "Chart",
     "CollapsedError",
     "Diagnostics",
     "DisconnectedError",
+    "FileAtlas",
     "MergeTree",
     "Partition",
     "Progress",
@@ -50,6 +53,7 @@ __all__ = [
     "Transfer",
     "Unwrapped",
     "__version__",
+    "atlas_file",
     "build_atlas",
     "cut_along_seams",
     "datasets",
@@ -69,10 +73,12 @@ __all__ = [
 # Python would put the module in the place of the function whenever it is imported later.
 _MODULES = {
     "Atlas": "atlas",
+    "AtlasOptions": "file_atlas",
     "Chart": "atlas",
     "CollapsedError": "segmentation",
     "Diagnostics": "segmentation",
     "DisconnectedError": "segmentation",
+    "FileAtlas": "file_atlas",
     "MergeTree": "segmentation",
     "Partition": "partitioning",
     "Progress": "segmentation",
@@ -86,6 +92,7 @@ _MODULES = {
     "Transfer": "transfer",
     "Unwrapped": "unwrapping",
     "__version__": "_core",
+    "atlas_file": "file_atlas",
     "build_atlas": "atlas",
     "cut_along_seams": "cutting",
     "load": "io",

@@ -21,13 +21,14 @@ from .optimise import AreaConstraint, Solver
 from .partitioning import Partition, check_options, partition
 from .partitioning.partition import DISTORTION, Effort
 from .quality import QualityWarning
+from .reopened import Reopened, reopen
 from .scene.check import check_layout
 from .scene.cut import cut_document
 from .scene.describe import defects
 from .scene.document import read_document, write_contents
 from .scene.mesh import Contents
 from .scene.rebake import rebake
-from .scene.scene import NoAreaError, Scene, no_places, scene_in
+from .scene.scene import NoAreaError, Scene, no_places, scene_file, scene_in
 from .segmentation import Options, SceneSegmentation
 from .segmentation.options import Initial, Law
 from .segmentation.segment import segment
@@ -259,10 +260,12 @@ def atlas_file(
     Parameters
     ----------
     source : str or PathLike
-        A GLB, glTF, OBJ, PLY, STL or OFF file.
+        A GLB, glTF, OBJ, PLY, STL or OFF file, or an `.npz` file of segments or an atlas, which
+        are solved: options of the solve are refused.
     output : str or PathLike
-        A `.glb`, `.gltf` or `.obj` file; `.ply` where the source is a PLY, STL or OFF file.
-        Written whole or not at all.
+        A `.glb`, `.gltf` or `.obj` file; `.ply` where the source is a PLY, STL or OFF file; `.npz`
+        for the atlas alone, to be baked, packed or flattened in another way. Written whole or not
+        at all.
     options : AtlasOptions, optional
     progress : callable, optional
         Called with each `Phase` of `partition`, or the `Progress` of `segment`.
@@ -295,51 +298,91 @@ def atlas_file(
 
 
 def _made(
-    source: Path,
-    output: Path,
-    options: AtlasOptions,
-    progress: Callable[[Any], None] | None,
+    source: Path, output: Path, options: AtlasOptions, progress: Callable[[Any], None] | None
 ) -> FileAtlas:
     picture = _picture(options.texture)
-    document = read_document(source)
     result = FileAtlas(source, output, options, None, None, None)
-    try:
-        scene = scene_in(document, weld=options.weld, whole=not options.cut)
-    except NoAreaError:
-        places = no_places(document.meshes)
-        words = "no face has an area: all texture coordinates are 0, and no texture is made"
-        contents = document.with_uv(output, places, uv_set=options.uv_set)
-        return _written(result, contents, words)
-    before = scene
-    segmentation = (
-        partition(scene, progress=progress, **options.of_partition())
-        if options.levels is None
-        else segment(scene, options.levels, progress=progress, **options.of_tree())
-    )
+    found: Reopened | FileAtlas
+    if source.suffix.lower() == ".npz":
+        _check_solved(options)
+        found = reopen(source)
+    else:
+        found = _solved(result, progress)
+        if isinstance(found, FileAtlas):
+            return found
+    before = found.scene
     if options.cut:
-        document, scene, segmentation = cut_document(document, scene, segmentation)
-    with warnings.catch_warnings():
-        # What is wrong with the layout is said below.
-        warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
-        atlas = build_atlas(
-            segmentation,
-            flatten=options.flatten,
-            padding=options.padding,
-            resolution=options.resolution,
-            overlap=options.texture is not None,
+        document, scene, segmentation = cut_document(
+            found.document, found.scene, found.segmentation
         )
+        found = Reopened(document, scene, segmentation, None, found.notes)
+    # What is saved may get a texture later.
+    saved = output.suffix.lower() == ".npz"
+    scene, atlas = found.scene, _laid_out(found, options, saved or options.texture is not None)
     corners = scene.corners(atlas.uv)
     try:
         check_layout(scene, corners, atlas, even=options.levels is None)
     except ValueError as error:
         raise ValueError(f"{source}: {output} is not written: {error}") from error
+    result = replace(
+        result, scene=scene, segmentation=found.segmentation, atlas=atlas, before=before
+    )
+    if saved:
+        atlas.save(output)
+        return replace(result, files=(output,), notes=found.notes)
     image = None if options.texture is None else atlas.bake(picture, resolution=options.resolution)
     baked = None
     if options.rebake:
-        baked = rebake(document, scene, corners, resolution=options.resolution)
-    contents = document.with_uv(output, corners, image=image, uv_set=options.uv_set, baked=baked)
-    result = replace(result, scene=scene, segmentation=segmentation, atlas=atlas, before=before)
-    return _written(result, contents, *(baked.notes if baked else ()))
+        baked = rebake(found.document, scene, corners, resolution=options.resolution)
+    contents = found.document.with_uv(
+        output, corners, image=image, uv_set=options.uv_set, baked=baked
+    )
+    return _written(result, contents, *found.notes, *(baked.notes if baked else ()))
+
+
+def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopened | FileAtlas:
+    """Read a file of meshes and cut it into segments; done at once where no face has an area."""
+    options = result.options
+    document = read_document(result.source)
+    try:
+        scene = scene_in(document, weld=options.weld, whole=not options.cut)
+    except NoAreaError:
+        places = no_places(document.meshes)
+        words = "no face has an area: all texture coordinates are 0, and no texture is made"
+        contents = document.with_uv(result.output, places, uv_set=options.uv_set)
+        return _written(result, contents, words)
+    if not options.cut:
+        scene.file = scene_file(result.source)
+    segmentation = (
+        partition(scene, progress=progress, **options.of_partition())
+        if options.levels is None
+        else segment(scene, options.levels, progress=progress, **options.of_tree())
+    )
+    return Reopened(document, scene, segmentation)
+
+
+def _check_solved(options: AtlasOptions) -> None:
+    """Refuse options of the solve for what was solved before."""
+    given = options.given()
+    for name in ("levels", "distortion", "weld", "seed", *_OF_THE_TREE, *_OF_THE_PARTITION):
+        if name in given:
+            raise ValueError(f"{name}: value must not be given with an .npz file")
+
+
+def _laid_out(found: Reopened, options: AtlasOptions, overlap: bool) -> Atlas:
+    """Flatten and pack the segments; what was flattened is packed alone."""
+    with warnings.catch_warnings():
+        # What is wrong with the layout is said by its check.
+        warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
+        if found.atlas is not None and options.flatten is None:
+            return found.atlas.packed(padding=options.padding, resolution=options.resolution)
+        return build_atlas(
+            found.segmentation,
+            flatten=options.flatten,
+            padding=options.padding,
+            resolution=options.resolution,
+            overlap=overlap,
+        )
 
 
 def _picture(texture: str | PathLike[str] | None) -> Bytes | None:

@@ -25,6 +25,7 @@ from .domains import blending_weights, domains, piece_domain, pieces, sharp_weig
 from .flatten import FLATTENINGS, Flattening, Map, chart, flatten, spread
 from .metrics import CURE, Flaws, atlas_metrics, flaws
 from .packing import check_packing, pack
+from .saved import load_layout, save_layout
 
 __all__ = ["Atlas", "build_atlas"]
 
@@ -109,8 +110,11 @@ class Atlas(Layout):
         Parameters
         ----------
         path : str or PathLike
-            A `.glb` file, or an `.obj` file beside which a `.mtl` and a `.png` are written.
-            Files are written whole or not at all.
+            A `.glb` file, or an `.obj` file beside which a `.mtl` and a `.png` are written. An
+            `.npz` file has no texture, but the charts, which `load` reads: vertices, faces, labels,
+            uv, the fields of `Chart` with the prefix chart_, one chart after the other,
+            chart_n_faces and chart_n_vertices of each, and format, 3; of a scene what leads back to
+            its file. Files are written whole or not at all.
         texture, resolution
             As in `bake`.
         image : (r, r, 3) array of uint8, optional
@@ -123,8 +127,11 @@ class Atlas(Layout):
         """
         path = Path(path)
         suffix = path.suffix.lower()
+        if suffix == ".npz":
+            save_layout(self, path)
+            return
         if suffix not in (".glb", ".obj"):
-            raise ValueError(f"path: suffix {path.suffix!r} of {path} must be .glb or .obj")
+            raise ValueError(f"path: suffix {path.suffix!r} of {path} must be .glb, .obj or .npz")
         if image is None:
             image = self.bake(texture, resolution=resolution)
         # A vertex on a seam stands once a side, with the normal of the whole surface.
@@ -142,6 +149,19 @@ class Atlas(Layout):
             write_bytes(path, glb(path.stem, vertices, faces, normals, uv, image))
         else:
             write_files(obj(path, vertices, faces, normals, uv, image))
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Atlas:
+        """Read an atlas that `save` wrote to an `.npz` file.
+
+        Raises
+        ------
+        ValueError
+            For a file that is no atlas.
+        FileNotFoundError
+            For a missing file.
+        """
+        return Atlas(**vars(load_layout(path)))
 
 
 def build_atlas(

@@ -14,13 +14,18 @@ from .report import phases, progress, say_cut, say_metrics, say_segmentation, sa
 
 __all__ = ["atlas"]
 
-_SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
+_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
 
 
 def atlas(
-    mesh: options.Mesh,
+    mesh: options.MeshOrNpz,
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="OUT.glb, .gltf, .obj, or .ply of such a file.")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            help="OUT.glb, .gltf, .obj, .ply of such a file, or .npz for atlas again.",
+        ),
     ],
     distortion: options.AtlasDistortion = None,
     max_distortion: options.MaxDistortion = None,
@@ -46,7 +51,8 @@ def atlas(
 ) -> Record:
     """Give all meshes of a file one atlas: cut them into charts and write them with their places.
 
-    The file keeps all else that it holds. The charts are those of least energy, few and of short
+    The file keeps all else that it holds. An .npz file of segment or atlas is solved already: it is
+    flattened, packed and baked alone. The charts are those of least energy, few and of short
     seams; with --levels they are the segments of equal area of the binary tree, to which
     --connected, --law, --area, --epsilon, --solver and --initial belong.
     """

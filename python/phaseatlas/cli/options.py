@@ -27,6 +27,7 @@ __all__ = [
     "MaxCharts",
     "MaxDistortion",
     "Mesh",
+    "MeshOrNpz",
     "Padding",
     "Quiet",
     "Rebake",
@@ -43,6 +44,13 @@ __all__ = [
 
 Mesh = Annotated[
     Path, typer.Argument(metavar="MESH", help="Mesh: OBJ, PLY, STL, OFF, GLB or glTF.")
+]
+MeshOrNpz = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MESH",
+        help="Mesh: OBJ, PLY, STL, OFF, GLB or glTF; or the .npz file of segment or atlas.",
+    ),
 ]
 Folder = Annotated[
     Path, typer.Argument(metavar="[FOLDER]", help="Where to write; made where missing.")

@@ -66,7 +66,10 @@ def segment(
         else segmented(scene, levels, **others)
     )
     if output.suffix.lower() == ".npz":
-        segments.save(output)
+        if isinstance(segments, SegmentTree):
+            segments.save(output, source=scene.file)
+        else:
+            segments.save(output)
     else:
         save_ply(segments, output)
     if isinstance(segments, SegmentTree):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,17 @@ from .. import _core
 from ..arrays import Bools, Floats, Ints
 from ..surface import Surface
 
-__all__ = ["Aside", "Component", "RepairReport", "Repaired", "components", "repair", "summed"]
+__all__ = [
+    "Aside",
+    "Component",
+    "RepairReport",
+    "Repaired",
+    "as_it_is",
+    "components",
+    "repair",
+    "summed",
+    "without_input",
+]
 
 
 @dataclass(frozen=True)
@@ -391,6 +401,40 @@ class Component:
     surface: Surface
     faces: Ints
     vertices: Ints
+
+
+def as_it_is(vertices: Floats, faces: Ints) -> Repaired:
+    """Return a mesh of one component that needs no repair, its corners those of its faces."""
+    m = len(faces)
+    loops = Surface(vertices, faces).n_boundary_loops
+    counts: dict[str, Any] = {field.name: 0 for field in fields(RepairReport)}
+    counts |= {"polygons": ((3, m),), "faces": m, "components": 1, "boundary_loops": loops}
+    return Repaired(
+        vertices=vertices,
+        faces=faces,
+        source_vertex=np.arange(len(vertices)),
+        component=np.zeros(m, dtype=np.int64),
+        inner=np.zeros((m, 3), dtype=bool),
+        report=RepairReport(**counts),
+        **_own_corners(m),
+    )
+
+
+def without_input(repaired: Repaired) -> Repaired:
+    """Return a repaired mesh whose corners are those of its faces, not those of what it was."""
+    return replace(repaired, **_own_corners(len(repaired.faces)))
+
+
+def _own_corners(m: int) -> dict[str, Any]:
+    none = np.zeros(0, dtype=np.int64)
+    thirds = none.reshape(0, 3)
+    return {
+        "polygon": np.arange(m),
+        "corner": np.arange(3 * m).reshape(m, 3),
+        "flipped": np.zeros(m, dtype=bool),
+        "n_corners": 3 * m,
+        "aside": Aside(none, thirds, none, np.zeros((0, 3, 3)), none.astype(bool)),
+    }
 
 
 def components(repaired: Repaired) -> list[Component]:

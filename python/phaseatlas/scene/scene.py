@@ -198,9 +198,14 @@ def load_scene(path: str | PathLike[str], *, weld: float = 0.0) -> Scene:
         For a missing file and for a folder.
     """
     scene = scene_in(read_document(path), weld=weld)
-    with Path(path).open("rb") as file:
-        scene.file = SceneFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
+    scene.file = scene_file(path)
     return scene
+
+
+def scene_file(path: str | PathLike[str]) -> SceneFile:
+    """Path and digest of a file."""
+    with Path(path).open("rb") as file:
+        return SceneFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
 
 
 def scene_in(document: Document, *, weld: float = 0.0, whole: bool = True) -> Scene:

@@ -13,8 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
-from ..files import write_whole
+from ..files import check_input, write_whole
 from ..functionals import indicator
+from ..scene.scene import SceneFile
 from ..surface import Surface
 from .node import Diagnostics
 from .segmentation import Segmentation
@@ -37,7 +38,7 @@ _Made = TypeVar("_Made")
 
 _FORMAT = 1
 # What reads each format.
-_READERS = {1: "SegmentTree", 2: "SceneSegmentation"}
+_READERS = {1: "SegmentTree", 2: "SceneSegmentation", 3: "Atlas"}
 #: Deepest tree that is made: 65,536 segments where all are halves.
 MAX_LEVELS = 16
 
@@ -255,17 +256,26 @@ class SegmentTree:
             raise ValueError(f"level: {level!r} must be a whole number in 0..{self.levels}")
         return front(self.nodes, level)
 
-    def save(self, path: str | PathLike[str]) -> None:
+    def save(self, path: str | PathLike[str], *, source: SceneFile | None = None) -> None:
         """Write the tree to an `.npz` file, whole or not at all.
 
         The keys are vertices, faces, fields, weights, labels, levels, epsilon, delta,
-        diagnostics (JSON) and format, and for each node parents, positive and shares.
+        diagnostics (JSON) and format, and for each node parents, positive and shares; source and
+        sha256 (path and digest of the file that the surface was read from, empty where it was not).
+
+        Parameters
+        ----------
+        path : str or PathLike
+        source : SceneFile, optional
+            The file that the surface was read from, `Scene.file`.
         """
         arrays = {
             "vertices": self.surface.vertices,
             "faces": self.surface.faces,
             "weights": self.weights,
             "format": _FORMAT,
+            "source": "" if source is None else source.path,
+            "sha256": "" if source is None else source.sha256,
             **tree_arrays(self),
         }
         write_arrays(path, arrays)
@@ -297,13 +307,13 @@ def write_arrays(path: str | PathLike[str], arrays: dict[str, Any]) -> None:
 def read_arrays(
     path: str | PathLike[str], version: int, made: Callable[[dict[str, Any]], _Made]
 ) -> _Made:
-    """Read an `.npz` file of a segmentation; `made` makes something of its arrays.
+    """Read an `.npz` file of a segmentation or an atlas; `made` makes something of its arrays.
 
     Parameters
     ----------
     path : str or PathLike
     version : int
-        Format of the file: 1 for a tree, 2 for the segments of a scene.
+        Format of the file: 1 for a tree, 2 for the segments of a scene, 3 for an atlas.
     made : callable
         From the arrays by their names to the result.
 
@@ -324,10 +334,32 @@ def read_arrays(
         raise
     except Exception as error:
         reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{path}: no segmentation: {reason}") from error
+        kind = "atlas" if version == 3 else "segmentation"
+        raise ValueError(f"{path}: no {kind}: {reason}") from error
     if found in _READERS:
         raise ValueError(f"{path}: format {found} is what {_READERS[found]}.load reads")
     raise ValueError(f"{path}: format {found} is newer than {max(_READERS)}")
+
+
+def format_of(path: Path) -> int:
+    """Format of an `.npz` file; see `read_arrays`."""
+    check_input(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = int(file["format"])
+    except Exception as error:
+        raise ValueError(f"{path}: neither segments nor an atlas") from error
+    if found not in _READERS:
+        raise ValueError(f"{path}: format {found} is newer than {max(_READERS)}")
+    return found
+
+
+def source_of(path: Path) -> SceneFile | None:
+    """The file that the surface of a saved tree was read from."""
+    with np.load(path, allow_pickle=False) as file:
+        if "source" not in file.files or not str(file["source"]):
+            return None
+        return SceneFile(str(file["source"]), str(file["sha256"]))
 
 
 def tree_arrays(tree: SegmentTree) -> dict[str, Any]:

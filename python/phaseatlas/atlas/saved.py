@@ -1,0 +1,93 @@
+"""The file of an atlas: what it takes to bake, pack or flatten it again without another solve."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Floats, Ints
+from ..scene.arrays import scene_arrays, scene_of_arrays
+from ..scene.scene import Scene
+from ..segmentation.tree import read_arrays, write_arrays
+from ..surface import Surface
+from .charts import Chart, Layout
+
+__all__ = ["FORMAT", "load_layout", "save_layout"]
+
+FORMAT = 3
+# Arrays of a chart with a row a face of its domain, and with a row a vertex.
+_OF_FACES = ("faces", "labelled", "triangles")
+_OF_VERTICES = ("vertices", "uv", "weights", "log_scale")
+
+
+def save_layout(layout: Layout, path: str | PathLike[str]) -> None:
+    """Write a layout to an `.npz` file, whole or not at all; see `Atlas.save`."""
+    surface, charts = layout.surface, layout.charts
+    arrays: dict[str, Any] = (
+        scene_arrays(surface)
+        if isinstance(surface, Scene)
+        else {"vertices": surface.vertices, "faces": surface.faces}
+    )
+    arrays |= {
+        "format": FORMAT,
+        "labels": layout.labels,
+        "uv": layout.uv,
+        "chart_segment": np.array([chart.segment for chart in charts]),
+        "chart_cut_length": np.array([chart.cut_length for chart in charts]),
+        "chart_n_faces": np.array([len(chart.faces) for chart in charts]),
+        "chart_n_vertices": np.array([len(chart.vertices) for chart in charts]),
+    }
+    for name in (*_OF_FACES, *_OF_VERTICES):
+        arrays[f"chart_{name}"] = np.concatenate([getattr(chart, name) for chart in charts])
+    write_arrays(path, arrays)
+
+
+def load_layout(path: str | PathLike[str]) -> Layout:
+    """Read what `save_layout` wrote.
+
+    Raises
+    ------
+    ValueError
+        For a file that is no atlas.
+    FileNotFoundError
+        For a missing file.
+    """
+    return read_arrays(path, FORMAT, layout_of_arrays)
+
+
+def layout_of_arrays(arrays: dict[str, Any]) -> Layout:
+    """Return the layout of the arrays of a file, checked for what a damaged one may hold."""
+    surface = (
+        scene_of_arrays(arrays)
+        if "mesh_names" in arrays
+        else Surface(arrays["vertices"], arrays["faces"])
+    )
+    m = surface.n_faces
+    labels: Ints = arrays["labels"]
+    uv: Floats = arrays["uv"]
+    for name, array, shape in (("labels", labels, (m,)), ("uv", uv, (m, 3, 2))):
+        if array.shape != shape:
+            raise ValueError(f"{name}: shape {array.shape} must be {shape}")
+    ends = {
+        **dict.fromkeys(_OF_FACES, np.cumsum(arrays["chart_n_faces"])[:-1]),
+        **dict.fromkeys(_OF_VERTICES, np.cumsum(arrays["chart_n_vertices"])[:-1]),
+    }
+    parts = {name: np.split(arrays[f"chart_{name}"], end) for name, end in ends.items()}
+    charts = tuple(
+        Chart(
+            segment=int(arrays["chart_segment"][k]),
+            cut_length=float(arrays["chart_cut_length"][k]),
+            **{name: each[k] for name, each in parts.items()},
+        )
+        for k in range(len(arrays["chart_segment"]))
+    )
+    for name, bound in (("faces", m), ("vertices", surface.n_vertices)):
+        every = arrays[f"chart_{name}"]
+        if not np.issubdtype(every.dtype, np.integer) or every.min() < 0 or every.max() >= bound:
+            raise ValueError(f"chart_{name}: must be whole numbers in 0..{bound - 1}")
+    covered = np.concatenate([chart.faces[chart.labelled] for chart in charts])
+    if not np.array_equal(np.sort(covered), np.arange(m)):
+        raise ValueError("chart_labelled: every face must be labelled in one chart")
+    return Layout(surface, labels, charts, uv)
