@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene.scene import Scene
+from .scene_file import FORMAT, parts_of_arrays, segmentation_arrays
 from .segmentation import Segmentation
-from .tree import SegmentTree
+from .tree import SegmentTree, read_arrays, write_arrays
 from .whole import n_units
 
 if TYPE_CHECKING:
     from ..scene.repair import Component
-    from ..scene.scene import Scene
     from ..surface import Surface
 
 __all__ = ["SceneSegmentation", "leaves_of_pieces"]
@@ -74,9 +75,10 @@ class SceneSegmentation(Segmentation):
         there are its arrays, those that `SegmentTree.save` writes, as tree_k_fields and so on. The
         way back to the corners of the file is under names that start with mesh_.
         """
-        from .scene_file import save
-
-        save(self, path)
+        if not isinstance(self.surface, Scene):
+            raise TypeError("surface: must be a Scene")
+        arrays = segmentation_arrays(self.surface, self.labels, self.parts, self.trees)
+        write_arrays(path, arrays)
 
     @staticmethod
     def load(path: str | PathLike[str]) -> SceneSegmentation:
@@ -91,9 +93,7 @@ class SceneSegmentation(Segmentation):
         FileNotFoundError
             For a missing file.
         """
-        from .scene_file import load
-
-        return load(path)
+        return SceneSegmentation(*read_arrays(path, FORMAT, parts_of_arrays))
 
 
 def leaves_of_pieces(surfaces: Sequence[Surface], count: int) -> list[int]:

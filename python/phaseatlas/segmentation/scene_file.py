@@ -2,50 +2,47 @@
 
 from __future__ import annotations
 
-from os import PathLike
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from ..arrays import Ints
 from ..scene.arrays import scene_arrays, scene_of_arrays
 from ..scene.scene import Scene
-from .scene import SceneSegmentation
 from .segmentation import Segmentation
-from .tree import SegmentTree, read_arrays, tree_arrays, tree_of, write_arrays
+from .tree import SegmentTree, tree_arrays, tree_of
 
-__all__ = ["load", "save"]
+__all__ = ["FORMAT", "parts_of_arrays", "segmentation_arrays"]
 
-_FORMAT = 2
+FORMAT = 2
 
 
-def save(segmentation: SceneSegmentation, path: str | PathLike[str]) -> None:
-    """Write the file; see `SceneSegmentation.save`."""
-    scene = segmentation.surface
-    if not isinstance(scene, Scene):
-        raise TypeError("surface: must be a Scene")
+def segmentation_arrays(
+    scene: Scene, labels: Ints, parts: Sequence[Segmentation], trees: Sequence[SegmentTree | None]
+) -> dict[str, Any]:
+    """Return what a file holds of the segments of a scene; see `SceneSegmentation.save`."""
     piece = np.empty(scene.n_faces, dtype=np.int64)
     for k, part in enumerate(scene.pieces):
         piece[part.faces] = k
     arrays: dict[str, Any] = {
-        "format": _FORMAT,
+        "format": FORMAT,
         **scene_arrays(scene),
-        "labels": segmentation.labels,
+        "labels": labels,
         "piece": piece,
-        "segments": np.array([part.n_segments for part in segmentation.parts]),
-        "epsilon": np.array([part.epsilon for part in segmentation.parts]),
+        "segments": np.array([part.n_segments for part in parts]),
+        "epsilon": np.array([part.epsilon for part in parts]),
     }
-    for k, tree in enumerate(segmentation.trees):
+    for k, tree in enumerate(trees):
         if tree is not None:
             arrays |= {f"tree_{k}_{key}": value for key, value in tree_arrays(tree).items()}
-    write_arrays(path, arrays)
+    return arrays
 
 
-def load(path: str | PathLike[str]) -> SceneSegmentation:
-    """Read the file; see `SceneSegmentation.load`."""
-    return read_arrays(path, _FORMAT, _segmentation)
-
-
-def _segmentation(arrays: dict[str, Any]) -> SceneSegmentation:
+def parts_of_arrays(
+    arrays: dict[str, Any],
+) -> tuple[Scene, list[Segmentation], list[SegmentTree | None]]:
+    """Return the scene of the arrays of a file, the segmentation and the tree of each piece."""
     scene = scene_of_arrays(arrays)
     labels, piece, epsilon = arrays["labels"], arrays["piece"], arrays["epsilon"]
     counts = arrays["segments"].tolist()
@@ -80,4 +77,4 @@ def _segmentation(arrays: dict[str, Any]) -> SceneSegmentation:
             parts.append(Segmentation(part.surface, own, epsilon=float(epsilon[k])))
         trees.append(tree)
         first += counts[k]
-    return SceneSegmentation(scene, parts, trees)
+    return scene, parts, trees
