@@ -15,11 +15,11 @@ import numpy as np
 import scipy.sparse
 
 from . import _core
-from .arrays import Ints
+from .arrays import Floats, Ints
 from .surface import Surface
 from .transfer import NORMALS, Transfer
 
-__all__ = ["coarsen", "reduced"]
+__all__ = ["coarsen", "collapsed", "reduced"]
 
 # Faces to keep, relative to what is asked for, whether to leave the boundary alone, and how eagerly
 # to collapse: what is tried until it gives a surface. Handles thinner than the new edges break it.
@@ -62,7 +62,9 @@ def coarsen(surface: Surface, n_faces: int | None = None) -> Transfer | None:
         count = int(kept * asked)
         if surface.n_faces <= _ENOUGH * count:
             break
-        vertices, faces, collapsed_to = _simplified(surface, count, preserve_border, eagerness)
+        vertices, faces, collapsed_to = collapsed(
+            surface.vertices, surface.faces, count, preserve_border, eagerness
+        )
         if n_faces is None and len(faces) > _CLEARLY_FEWER * surface.n_faces:
             continue
         used, corners = np.unique(faces, return_inverse=True)
@@ -115,36 +117,36 @@ def _transfer(surface: Surface, coarse: Surface, used: Ints, collapsed_to: Ints)
     )
 
 
-def _simplified(
-    surface: Surface, count: int, preserve_border: bool, eagerness: int
+def collapsed(
+    given: Floats, triangles: Ints, count: int, preserve_border: bool, eagerness: int
 ) -> tuple[Any, Any, Any]:
     """Vertices, faces but those folded flat, and the vertex that each has collapsed to, or -1."""
     with _LOCK:
         vertices, faces, collapses = fast_simplification.simplify(
-            surface.vertices.copy(),
-            surface.faces.astype(np.int32),
+            given.copy(),
+            triangles.astype(np.int32),
             target_count=count,
             agg=eagerness,
             return_collapses=True,
             preserve_border=preserve_border,
         )
-    target = np.arange(surface.n_vertices)
+    target = np.arange(len(given))
     target[collapses[:, 1]] = collapses[:, 0]
     # Each pass doubles the steps that are followed; the library's collapses have no circle.
-    for _ in range(surface.n_vertices.bit_length()):
+    for _ in range(len(given).bit_length()):
         further = target[target]
         if np.array_equal(further, target):
             break
         target = further
     # The library keeps the order of the vertices, less those without a face.
-    corners = target[surface.faces]
+    corners = target[triangles]
     survivors = np.unique(corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)])
     if len(survivors) != len(vertices):
         raise RuntimeError(
             f"fast-simplification left {len(vertices)} vertices, its collapses {len(survivors)}"
         )
     position, found = _positions(survivors, target)
-    collapsed_to = np.full(surface.n_vertices, -1)
+    collapsed_to = np.full(len(given), -1)
     collapsed_to[found] = position
     # Two faces on the same three vertices are what is left of a spike.
     _, face, copies = np.unique(

@@ -22,6 +22,7 @@ __all__ = [
     "atlas_metrics",
     "checked_uv",
     "flaws",
+    "singular_values",
     "turned_over",
     "uv_topology",
     "yamabe_factors",
@@ -158,7 +159,7 @@ def atlas_metrics(
     """
     uv = checked_uv(surface, uv)
     topology = uv_topology(surface, uv)
-    s1, s2, signed = _singular_values(surface, uv)
+    s1, s2, signed = singular_values(surface, uv)
     solid = signed != 0.0
     distortion = _distortion(s1[solid], s2[solid], surface.face_areas[solid])
     factors = yamabe_factors(surface, topology)
@@ -369,7 +370,7 @@ def _corner_angles(surface: Surface) -> tuple[Floats, Floats]:
     return dot / cross, np.arctan2(cross, dot)
 
 
-def _singular_values(surface: Surface, uv: Floats) -> tuple[Floats, Floats, Floats]:
+def singular_values(surface: Surface, uv: Floats) -> tuple[Floats, Floats, Floats]:
     """Singular values of every face's map, at equal total areas, and its area in the plane."""
     points = surface.vertices[surface.faces]
     e1, e2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]

@@ -19,7 +19,9 @@ from .colours import check_labels, segment_colors
 
 __all__ = [
     "Colour",
+    "camera",
     "check_size",
+    "corner_normals",
     "draw_layout",
     "linear",
     "pictured",
@@ -135,7 +137,7 @@ def render_views(
         raise ValueError(f"views: {views} must be 1 or 2")
     check_size(size)
     centred = surface.vertices - 0.5 * (surface.vertices.max(axis=0) + surface.vertices.min(axis=0))
-    first = _camera(surface, direction)
+    first = camera(surface, direction)
     cameras = [first, first * [[-1.0], [1.0], [-1.0]]]
     if direction is None:
         # Seen slightly from above on both sides.
@@ -145,7 +147,7 @@ def render_views(
     height = size * _SUPERSAMPLING
     scale = 0.96 * height / max(span[1], 0.4 * span[0], 1e-300)
     width = int(np.ceil((span[0] * scale + 0.04 * height) / _SUPERSAMPLING)) * _SUPERSAMPLING
-    normals = _corner_normals(surface)
+    normals = corner_normals(surface)
     closed = bool((surface.face_neighbours >= 0).all())
 
     def view(points: Floats, camera: Floats) -> Floats:
@@ -157,7 +159,7 @@ def render_views(
         return list(pool.map(view, projected, cameras))
 
 
-def _camera(surface: Surface, direction: Sequence[float] | None) -> Floats:
+def camera(surface: Surface, direction: Sequence[float] | None) -> Floats:
     """Rows right, up, towards the viewer."""
     if direction is not None:
         towards = np.asarray(direction, dtype=np.float64)
@@ -189,7 +191,7 @@ def _frame(towards: Floats) -> Floats:
     return np.array([right, np.cross(towards, right), towards])
 
 
-def _corner_normals(surface: Surface) -> Floats:
+def corner_normals(surface: Surface) -> Floats:
     """Normals at the corners, smooth except across sharp edges."""
     points = surface.vertices[surface.faces]
     flat = _unit(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]))[:, None]

@@ -20,7 +20,7 @@ from .scene import Scene
 from .sources import CutSource, GltfSource
 from .tangents import corner_tangents, frames, in_frame, unit
 
-__all__ = ["rebake"]
+__all__ = ["has_textures", "looks_of", "rebake"]
 
 # Samples along the side of a texel.
 _SAMPLES = 2
@@ -93,12 +93,8 @@ def rebake(
         resolution**2 * _BYTES_PER_TEXEL > _core.available_memory()
     ):
         raise MemoryError(f"resolution: {resolution} takes more memory than there is to rebake")
-    source = document.source.source if isinstance(document.source, CutSource) else document.source
-    if isinstance(source, GltfSource):
-        looks = gltf_looks(source.gltf)
-    else:
-        looks = plain_looks(document.materials)
-    faces = _faces(document, scene, uvs, linear=isinstance(source, GltfSource))
+    looks, linear = looks_of(document)
+    faces = _faces(document, scene, uvs, linear=linear)
     side = resolution * _SAMPLES
     cover, _ = _core.rasterize(np.ascontiguousarray(faces.uv), side)
     cover = cover.reshape(side, side)
@@ -129,6 +125,23 @@ def rebake(
         materials,
         tuple(dict.fromkeys(notes)),
     )
+
+
+def has_textures(document: Document) -> bool:
+    """Whether a file has pictures or colours of its own."""
+    looks, _ = looks_of(document)
+    bases = [look.textures["base"] for look in looks if "base" in look.textures]
+    return any(use.data is not None for use in bases) or any(
+        mesh.vertex_colours for mesh in document.meshes
+    )
+
+
+def looks_of(document: Document) -> tuple[Sequence[Look], bool]:
+    """Looks of the materials of a file, and whether its vertex colours are linear."""
+    source = document.source.source if isinstance(document.source, CutSource) else document.source
+    if isinstance(source, GltfSource):
+        return gltf_looks(source.gltf), True
+    return plain_looks(document.materials), False
 
 
 def _faces(document: Document, scene: Scene, uvs: Sequence[Floats], *, linear: bool) -> _Faces:
