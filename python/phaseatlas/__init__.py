@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .surface import Surface
     from .transfer import Transfer
     from .unwrapping import Unwrapped, unwrap
+    from .viewer import show
 
 __all__ = [
     "Atlas",
@@ -65,6 +66,7 @@ __all__ = [
     "save_mesh",
     "save_ply",
     "segment",
+    "show",
     "unwrap",
 ]
 
@@ -101,6 +103,7 @@ _MODULES = {
     "save_mesh": "io",
     "save_ply": "io",
     "segment": "segmentation",
+    "show": "viewer",
     "unwrap": "unwrapping",
 }
 

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..arrays import Floats
+from ..arrays import Bytes, Floats
 from ..atlas.charts import Layout
 from ..atlas.metrics import uv_topology
 from ..files import write_whole
@@ -28,13 +28,13 @@ __all__ = ["segments", "textured", "uv_layout"]
 def segments(
     surface: Surface,
     values: NDArray[Any],
-    path: str | PathLike[str],
+    path: str | PathLike[str] | None = None,
     *,
     views: int = 2,
     size: int = 700,
     direction: Sequence[float] | None = None,
     title: str | None = None,
-) -> None:
+) -> Bytes:
     """Draw a surface with its segments in distinct colours.
 
     Parameters
@@ -46,7 +46,7 @@ def segments(
         as the weighted mean of the segments' colours; or colours in [0, 1], (m, 3) or (n, 3)
         floats. Floats of shape (3, n) are weights.
     path
-        Image file; the suffix sets the format.
+        Image file, where one is to be written; the suffix sets the format.
     views
         1, or 2 to show the other side as well.
     size
@@ -56,26 +56,31 @@ def segments(
     title
         Line above the views.
 
+    Returns
+    -------
+    (h, w, 3) array of uint8
+        The picture.
+
     Raises
     ------
     ValueError
         If `values` has none of the shapes above or an option is out of range.
     """
     drawn = render(surface, values, views=views, size=size, direction=direction)
-    _write(_panels(drawn, title), path)
+    return _drawn(_panels(drawn, title), path)
 
 
 def textured(
     surface: Surface,
     uv: Floats,
     image: NDArray[Any],
-    path: str | PathLike[str],
+    path: str | PathLike[str] | None = None,
     *,
     views: int = 2,
     size: int = 700,
     direction: Sequence[float] | None = None,
     title: str | None = None,
-) -> None:
+) -> Bytes:
     """Draw a surface with a texture.
 
     Parameters
@@ -87,9 +92,14 @@ def textured(
     image
         (H, W, 3) bytes or floats in [0, 1], first row at v = 1; tiled outside [0, 1]^2.
     path
-        Image file; the suffix sets the format.
+        Image file, where one is to be written; the suffix sets the format.
     views, size, direction, title
         As in `segments`.
+
+    Returns
+    -------
+    (h, w, 3) array of uint8
+        The picture.
 
     Raises
     ------
@@ -97,20 +107,20 @@ def textured(
         If `uv` has another shape or an option is out of range.
     """
     drawn = render_textured(surface, uv, image, views=views, size=size, direction=direction)
-    _write(_panels(drawn, title), path)
+    return _drawn(_panels(drawn, title), path)
 
 
 def uv_layout(
     atlas: Layout,
     image: NDArray[Any],
-    path: str | PathLike[str],
+    path: str | PathLike[str] | None = None,
     *,
     views: int = 2,
     size: int = 700,
     tint: float = 0.45,
     direction: Sequence[float] | None = None,
     title: str | None = None,
-) -> None:
+) -> Bytes:
     """Draw the packed charts of an atlas with a texture, and the textured surface beside them.
 
     Parameters
@@ -121,7 +131,7 @@ def uv_layout(
         (H, W, 3) bytes or floats in [0, 1] over the layout, first row at v = 1, as `bake` returns
         it.
     path
-        Image file; the suffix sets the format.
+        Image file, where one is to be written; the suffix sets the format.
     views
         Views of the surface beside the layout: 0, 1 or 2.
     size
@@ -130,6 +140,11 @@ def uv_layout(
         How strongly the charts take their segment's colour (that of `segments`), 0 to 1.
     direction, title
         As in `segments`.
+
+    Returns
+    -------
+    (h, w, 3) array of uint8
+        The picture.
 
     Raises
     ------
@@ -154,7 +169,7 @@ def uv_layout(
     beside = render_views(surface, colour, views, size, direction) if views else []
     figure = _panels([layout, *beside], title)
     _outline(figure, surface, atlas.uv, size)
-    _write(figure, path)
+    return _drawn(figure, path)
 
 
 def _outline(figure: Figure, surface: Surface, uv: Floats, size: int) -> None:
@@ -178,7 +193,6 @@ def _panels(images: Sequence[Floats], title: str | None) -> Figure:
     )
     dpi = 100.0
     figure = Figure(figsize=(total[0] / dpi, total[1] / dpi), dpi=dpi, facecolor="white")
-    FigureCanvasAgg(figure)
     left = gap
     for image in images:
         width = image.shape[1]
@@ -197,9 +211,14 @@ def _panels(images: Sequence[Floats], title: str | None) -> Figure:
     return figure
 
 
-def _write(figure: Figure, path: str | PathLike[str]) -> None:
-    suffix = Path(path).suffix.lstrip(".").lower()
-    if suffix not in figure.canvas.get_supported_filetypes():
-        raise ValueError(f"path: {path} must end in a known image suffix")
-    with write_whole(path) as temporary:
-        figure.savefig(temporary, format=suffix)
+def _drawn(figure: Figure, path: str | PathLike[str] | None) -> Bytes:
+    """The pixels of a figure, which is written where there is a path."""
+    canvas: Any = FigureCanvasAgg(figure)
+    if path is not None:
+        suffix = Path(path).suffix.lstrip(".").lower()
+        if suffix not in canvas.get_supported_filetypes():
+            raise ValueError(f"path: {path} must end in a known image suffix")
+        with write_whole(path) as temporary:
+            figure.savefig(temporary, format=suffix)
+    canvas.draw()
+    return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
