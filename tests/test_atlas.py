@@ -457,7 +457,7 @@ def test_obj_comes_with_material_and_image(atlas, tmp_path, stem):
 
 @pytest.mark.parametrize("name", ["star.stl", "star", "star.glb.zip"])
 def test_unknown_suffix_is_refused_before_any_work(atlas, tmp_path, name):
-    with pytest.raises(ValueError, match=r"must be \.glb or \.obj"):
+    with pytest.raises(ValueError, match=r"must be \.glb, \.obj, \.npz or \.html"):
         atlas.save(tmp_path / name, texture=lambda uv: pytest.fail("baked in vain"))
     assert not list(tmp_path.iterdir())
 

@@ -27,7 +27,7 @@ from .scene.cut import cut_document
 from .scene.describe import defects
 from .scene.document import read_document, write_contents
 from .scene.mesh import Contents
-from .scene.rebake import rebake
+from .scene.rebake import has_textures, rebake
 from .scene.scene import NoAreaError, Scene, no_places, scene_file, scene_in
 from .segmentation import Options, SceneSegmentation
 from .segmentation.options import Initial, Law
@@ -37,6 +37,7 @@ __all__ = ["CHECKER", "AtlasOptions", "FileAtlas", "atlas_file"]
 
 # What is given as a texture to have the checker of the library.
 CHECKER = "checker"
+_PAGE = ".html"
 # Options of one of the two ways to charts, which mean nothing to the other.
 _OF_THE_TREE = ("connected", "law", "area", "epsilon", "solver", "initial")
 _OF_THE_PARTITION = ("max_distortion", "max_charts", "effort")
@@ -264,8 +265,9 @@ def atlas_file(
         are solved: options of the solve are refused.
     output : str or PathLike
         A `.glb`, `.gltf` or `.obj` file; `.ply` where the source is a PLY, STL or OFF file; `.npz`
-        for the atlas alone, to be baked, packed or flattened in another way. Written whole or not
-        at all.
+        for the atlas alone, to be baked, packed or flattened in another way; `.html` for a page
+        that shows it, with the file's own textures where none is given. Written whole or not at
+        all.
     options : AtlasOptions, optional
     progress : callable, optional
         Called with each `Phase` of `partition`, or the `Progress` of `segment`.
@@ -317,8 +319,9 @@ def _made(
         )
         found = Reopened(document, scene, segmentation, None, found.notes)
     # What is saved may get a texture later.
-    saved = output.suffix.lower() == ".npz"
-    scene, atlas = found.scene, _laid_out(found, options, saved or options.texture is not None)
+    saved, page = output.suffix.lower() == ".npz", output.suffix.lower() == _PAGE
+    overlap = saved or page or options.texture is not None
+    scene, atlas = found.scene, _laid_out(found, options, overlap)
     corners = scene.corners(atlas.uv)
     try:
         check_layout(scene, corners, atlas, even=options.levels is None)
@@ -332,11 +335,18 @@ def _made(
         return replace(result, files=(output,), notes=found.notes)
     image = None if options.texture is None else atlas.bake(picture, resolution=options.resolution)
     baked = None
-    if options.rebake:
+    if options.rebake or (page and image is None and has_textures(found.document)):
         baked = rebake(found.document, scene, corners, resolution=options.resolution)
-    contents = found.document.with_uv(
-        output, corners, image=image, uv_set=options.uv_set, baked=baked
-    )
+    if page:
+        from .page import html_of
+
+        image = baked.images["base"] if baked else image
+        text = html_of(atlas, title=source.name, image=image, of=found.segmentation)
+        contents = Contents({output: text.encode()})
+    else:
+        contents = found.document.with_uv(
+            output, corners, image=image, uv_set=options.uv_set, baked=baked
+        )
     return _written(result, contents, *found.notes, *(baked.notes if baked else ()))
 
 
@@ -347,6 +357,8 @@ def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopen
     try:
         scene = scene_in(document, weld=options.weld, whole=not options.cut)
     except NoAreaError:
+        if result.output.suffix.lower() == _PAGE:
+            raise
         places = no_places(document.meshes)
         words = "no face has an area: all texture coordinates are 0, and no texture is made"
         contents = document.with_uv(result.output, places, uv_set=options.uv_set)

@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from .arrays import Bools, Floats, Ints
+from .notebook import Pictured
 
 __all__ = ["Surface"]
 
 Array = TypeVar("Array", bound=NDArray[Any])
 
 
-class Surface:
+class Surface(Pictured):
     """An orientable, connected, manifold triangle mesh of any genus, with or without boundary.
 
     Parameters

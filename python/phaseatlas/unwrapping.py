@@ -12,6 +12,7 @@ from .arrays import Floats, Ints
 from .atlas import Atlas, build_atlas
 from .atlas.flatten import Flattening
 from .atlas.metrics import Flaws
+from .notebook import Pictured
 from .partitioning.partition import DISTORTION, Effort, partition
 from .scene.repair import RepairReport, repair
 from .scene.scene import Scene, polygons_of
@@ -46,7 +47,7 @@ class UnwrapReport:
 
 
 @dataclass(frozen=True, eq=False)
-class Unwrapped:
+class Unwrapped(Pictured):
     """Texture coordinates of polygons.
 
     Attributes
@@ -66,6 +67,12 @@ class Unwrapped:
     charts: Ints
     report: UnwrapReport
     atlas: Atlas
+
+    def __repr__(self) -> str:
+        corners, report = self.corners.size // 2, self.report
+        figures = f"stretch {report.metrics['l2']:.4g}, packing {report.metrics['packing']:.3g} %"
+        pieces = f"{report.pieces} piece{'s' * (report.pieces != 1)}"
+        return f"Unwrapped({corners} corners, {report.charts} charts, {pieces},\n  {figures})"
 
 
 def unwrap(

@@ -38,7 +38,7 @@ _FREE_SPREAD = 1e-3
 _WIDENING = 1.25
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Atlas(Layout):
     """A `Layout`, with what can be done with it: baked, rated, packed anew and written."""
 
@@ -110,11 +110,11 @@ class Atlas(Layout):
         Parameters
         ----------
         path : str or PathLike
-            A `.glb` file, or an `.obj` file beside which a `.mtl` and a `.png` are written. An
-            `.npz` file has no texture, but the charts, which `load` reads: vertices, faces, labels,
-            uv, the fields of `Chart` with the prefix chart_, one chart after the other,
-            chart_n_faces and chart_n_vertices of each, and format, 3; of a scene what leads back to
-            its file. Files are written whole or not at all.
+            A `.glb` file, an `.obj` file beside which a `.mtl` and a `.png` are written, or an
+            `.html` page that shows the atlas. An `.npz` file has no texture, but the charts, which
+            `load` reads: vertices, faces, labels, uv, the fields of `Chart` with the prefix chart_,
+            one chart after the other, chart_n_faces and chart_n_vertices of each, and format, 3; of
+            a scene what leads back to its file. Files are written whole or not at all.
         texture, resolution
             As in `bake`.
         image : (r, r, 3) array of uint8, optional
@@ -130,10 +130,16 @@ class Atlas(Layout):
         if suffix == ".npz":
             save_layout(self, path)
             return
-        if suffix not in (".glb", ".obj"):
-            raise ValueError(f"path: suffix {path.suffix!r} of {path} must be .glb, .obj or .npz")
+        if suffix not in (".glb", ".obj", ".html"):
+            allowed = ".glb, .obj, .npz or .html"
+            raise ValueError(f"path: suffix {path.suffix!r} of {path} must be {allowed}")
         if image is None:
             image = self.bake(texture, resolution=resolution)
+        if suffix == ".html":
+            from ..page import write_page
+
+            write_page(self, path, image=image)
+            return
         # A vertex on a seam stands once a side, with the normal of the whole surface.
         corners = np.column_stack(
             [self.surface.faces.reshape(-1).astype(np.float64), self.uv.reshape(-1, 2)]

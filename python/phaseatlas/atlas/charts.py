@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from .. import _core
 from ..arrays import Bools, Floats, Ints
+from ..notebook import Pictured
+from ..points import flat_areas
 from ..surface import Surface
 
 __all__ = ["Chart", "Domain", "Layout"]
@@ -90,9 +92,13 @@ class Chart:
     log_scale: Floats
     cut_length: float = 0.0
 
+    def __repr__(self) -> str:
+        labelled = f"{len(self.faces)} faces, {int(self.labelled.sum())} of them labelled"
+        return f"Chart(of segment {self.segment}, {labelled}, cut by {self.cut_length:.4g})"
+
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class Layout(Pictured):
     """Charts of a surface and their sharp parts packed into the unit square.
 
     Attributes
@@ -110,4 +116,9 @@ class Layout:
     surface: Surface
     labels: Ints
     charts: tuple[Chart, ...]
-    uv: Floats = field(repr=False)
+    uv: Floats
+
+    def __repr__(self) -> str:
+        covered = f"{100 * float(flat_areas(self.uv).sum()):.3g} % of the square"
+        name, of = type(self).__name__, repr(self.surface)
+        return f"{name}({len(self.charts)} charts on {covered},\n  of {of})"

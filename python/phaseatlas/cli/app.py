@@ -12,6 +12,7 @@ from .demo import demo
 from .meshes import info, remesh
 from .process import USAGE, checked, say
 from .segment import segment
+from .view import view
 
 __all__ = ["app"]
 
@@ -45,6 +46,6 @@ _FIGURES = "\b\nFigures of an atlas:\n" + "\n".join(
     f"  {name:10}  {meaning}" for name, meaning in METRICS.items()
 )
 
-for command in (segment, atlas, remesh, info, demo):
+for command in (segment, atlas, view, remesh, info, demo):
     epilog = _FIGURES if command is atlas else None
     app.command(command.__name__, epilog=epilog)(checked(command))

@@ -14,7 +14,7 @@ from .report import phases, progress, say_cut, say_metrics, say_segmentation, sa
 
 __all__ = ["atlas"]
 
-_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
+_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz", ".html")
 
 
 def atlas(
@@ -24,7 +24,7 @@ def atlas(
         typer.Option(
             "-o",
             "--output",
-            help="OUT.glb, .gltf, .obj, .ply of such a file, or .npz for atlas again.",
+            help="OUT.glb, .gltf, .obj, .ply of such a file, .npz for atlas again; .html: a page.",
         ),
     ],
     distortion: options.AtlasDistortion = None,

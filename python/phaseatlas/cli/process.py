@@ -82,7 +82,7 @@ def checked(command: Callable[..., Record | None]) -> Callable[..., int]:
     """
     signature = inspect.signature(command, eval_str=True)
     # A message about a file starts with its name, which may be that of the argument.
-    names = {*signature.parameters, *_COMMON} - {"mesh", "texture"}
+    names = {*signature.parameters, *_COMMON} - {"mesh", "file", "texture"}
 
     @functools.wraps(command)
     def run_checked(

@@ -64,7 +64,7 @@ _BISECTIONS = 10
 _ATTEMPTS = 8
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Partition(Segmentation):
     """A segmentation by energy.
 

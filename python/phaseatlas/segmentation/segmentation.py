@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Floats, Ints
+from ..notebook import Pictured
 from ..surface import Surface
 from ..transfer import Transfer
 
 if TYPE_CHECKING:
     from .._core import Screened
 
-__all__ = ["MergeTree", "Segmentation"]
+__all__ = ["MergeTree", "Segmentation", "spread_of"]
 
 # Interface width in mean edge lengths: that of `segment`.
 _EPSILON = 2.0
@@ -30,7 +31,7 @@ _MANY = 2**26
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Segmentation:
+class Segmentation(Pictured):
     """Segments of a surface: a label for each face and a blending weight for each vertex.
 
     Parameters
@@ -89,6 +90,10 @@ class Segmentation:
         object.__setattr__(self, "labels", array.astype(np.int64, copy=False))
         object.__setattr__(self, "epsilon", float(epsilon))
         object.__setattr__(self, "_given", given)
+
+    def __repr__(self) -> str:
+        name, of = type(self).__name__, repr(self.surface)
+        return f"{name}({self.n_segments} segments, {spread_of(self.areas)},\n  of {of})"
 
     def __getstate__(self) -> dict[str, Any]:
         # A factor cannot be pickled, and is soon made again.
@@ -255,6 +260,11 @@ class MergeTree:
     energies: Floats
     epsilon: float
 
+    def __repr__(self) -> str:
+        return (
+            f"MergeTree({self.n_leaves} leaves, epsilon {self.epsilon:.4g},\n  of {self.surface!r})"
+        )
+
     @property
     def n_leaves(self) -> int:
         """Number of leaves, k."""
@@ -282,6 +292,12 @@ class MergeTree:
         _, first, inverse = np.unique(chart, return_index=True, return_inverse=True)
         rank = np.argsort(np.argsort(first))
         return Segmentation(self.surface, rank[inverse][self.labels], epsilon=self.epsilon)
+
+
+def spread_of(areas: Floats) -> str:
+    """The range of the areas as parts of their sum, in words."""
+    shares = 100 * areas / areas.sum()
+    return f"{shares.min():.3g} to {shares.max():.3g} % of the area each"
 
 
 def _checked(weights: ArrayLike, surface: Surface) -> Floats:

@@ -15,10 +15,11 @@ import numpy as np
 from ..arrays import Bools, Floats, Ints
 from ..files import check_input, write_whole
 from ..functionals import indicator
+from ..notebook import Pictured
 from ..scene.scene import SceneFile
 from ..surface import Surface
 from .node import Diagnostics
-from .segmentation import Segmentation
+from .segmentation import Segmentation, spread_of
 
 __all__ = [
     "MAX_LEVELS",
@@ -123,7 +124,7 @@ def front(nodes: Sequence[TreeNode], level: int) -> list[int]:
 
 
 @dataclass(frozen=True, eq=False)
-class SegmentTree:
+class SegmentTree(Pictured):
     """A binary tree of phase fields and the segments at its leaves.
 
     A node has two children, first the positive one, where u > 0. In a tree of halves node `i` of
@@ -150,6 +151,10 @@ class SegmentTree:
     delta: float
     nodes: tuple[TreeNode, ...]
     labels: Ints
+
+    def __repr__(self) -> str:
+        leaves = f"{self.levels} levels, {len(self.areas)} segments"
+        return f"SegmentTree({leaves}, {spread_of(self.areas)},\n  of {self.surface!r})"
 
     @cached_property
     def levels(self) -> int:
