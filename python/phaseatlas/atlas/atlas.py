@@ -24,6 +24,8 @@ from .charts import Chart, Layout
 from .domains import blending_weights, domains, piece_domain, pieces, sharp_weights, split
 from .flatten import FLATTENINGS, Flattening, Map, chart, flatten, spread
 from .metrics import CURE, Flaws, atlas_metrics, flaws
+from .outlines import Outlines, outlines
+from .overlap import save_charts
 from .packing import check_packing, pack
 from .saved import load_layout, save_layout
 
@@ -168,6 +170,16 @@ class Atlas(Layout):
             For a missing file.
         """
         return Atlas(**vars(load_layout(path)))
+
+    def save_charts(
+        self, path: str | PathLike[str], *, padding: int = 4, resolution: int = 1024
+    ) -> None:
+        """Write the overlapping charts to a `.glb` file, a mesh each; see `overlap.charts_glb`."""
+        save_charts(self, path, padding=padding, resolution=resolution)
+
+    def outlines(self, *, spacing: float | None = None) -> Outlines:
+        """Return the flat segments' boundaries, 1:1, with notches; see `outlines.outlines`."""
+        return outlines(self, spacing=spacing)
 
 
 def build_atlas(

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Bytes, Floats, Ints
 from .accessors import Gltf, Json, Rows
 from .gltf import translation
-from .gltf_slots import NewAccessor, NewView, settle
+from .gltf_slots import NewAccessor, NewView, attribute, indices, settle
 from .mesh import Corners, Material, Mesh
 from .picture import as_png_or_jpeg, kind_of, png
 from .polygons import split_corners, triangulate
@@ -99,35 +99,25 @@ def _primitives(mesh: Mesh, centre: Floats, extra: Corners, sets: Sequence[Float
         kept = at[representative]
         positions = (mesh.positions[mesh.corners[kept]] - centre).astype("<f4")
         attributes = {
-            "POSITION": _attribute(
+            "POSITION": attribute(
                 "VEC3",
                 positions,
                 min=positions.min(axis=0).tolist(),
                 max=positions.max(axis=0).tolist(),
             ),
-            "NORMAL": _attribute("VEC3", columns[len(sets)][kept]),
+            "NORMAL": attribute("VEC3", columns[len(sets)][kept]),
         }
         for k in range(len(sets)):
-            attributes[f"TEXCOORD_{k}"] = _attribute("VEC2", columns[k][kept])
+            attributes[f"TEXCOORD_{k}"] = attribute("VEC2", columns[k][kept])
         if extra.colours is not None:
             colours = np.rint(np.clip(extra.colours[kept], 0, 1) * 255).astype("u1")
             attributes["COLOR_0"] = NewAccessor(
                 {"componentType": 5121, "type": "VEC4", "normalized": True}, colours, "vertices"
             )
-        # 65535 restarts a strip.
-        small = len(kept) <= 65535
-        indices = NewAccessor(
-            {"componentType": 5123 if small else 5125, "type": "SCALAR"},
-            new.astype("<u2" if small else "<u4")[:, None],
-            "indices",
+        primitives.append(
+            {"attributes": attributes, "indices": indices(new, len(kept)), "material": material}
         )
-        primitives.append({"attributes": attributes, "indices": indices, "material": material})
     return primitives
-
-
-def _attribute(kind: str, values: Rows, **more: list[float]) -> NewAccessor:
-    entry = {"componentType": 5126, "type": kind, **more}
-    return NewAccessor(entry, values.astype("<f4"), "vertices")
 
 
 def _normals(mesh: Mesh, triangles: Ints, polygon: Ints, given: Floats | None) -> Floats:

@@ -17,7 +17,7 @@ import numpy as np
 from .accessors import Gltf, Json, Rows
 from .gltf import APPEARANCE
 
-__all__ = ["NewAccessor", "NewView", "settle"]
+__all__ = ["NewAccessor", "NewView", "attribute", "indices", "settle"]
 
 _TARGETS = {"vertices": 34962, "indices": 34963}
 
@@ -46,6 +46,23 @@ class NewAccessor:
     entry: Json
     values: Rows | None
     use: str
+
+
+def attribute(kind: str, values: Rows, **more: list[float]) -> NewAccessor:
+    """Values at vertices in single precision; `kind` is their type in glTF."""
+    entry = {"componentType": 5126, "type": kind, **more}
+    return NewAccessor(entry, values.astype("<f4"), "vertices")
+
+
+def indices(corners: Rows, n_vertices: int) -> NewAccessor:
+    """Vertices of the corners of triangles, one after the other, in as few bytes as will do."""
+    # 65535 restarts a strip.
+    small = n_vertices <= 65535
+    return NewAccessor(
+        {"componentType": 5123 if small else 5125, "type": "SCALAR"},
+        corners.reshape(-1, 1).astype("<u2" if small else "<u4"),
+        "indices",
+    )
 
 
 def settle(gltf: Gltf, document: Json) -> tuple[Json, bytes]:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from ..scene.scene import SceneFile
 from ..surface import Surface
 from .node import Diagnostics
 from .segmentation import Segmentation, spread_of
+
+if TYPE_CHECKING:
+    from .clusters import Clustered, ClusterTree
 
 __all__ = [
     "MAX_LEVELS",
@@ -260,6 +263,12 @@ class SegmentTree(Pictured):
         if level not in range(self.levels + 1):
             raise ValueError(f"level: {level!r} must be a whole number in 0..{self.levels}")
         return front(self.nodes, level)
+
+    def cluster_tree(self, of: Clustered = "faces") -> ClusterTree:
+        """Return the faces or vertices as clusters; see `clusters.cluster_tree`."""
+        from .clusters import cluster_tree
+
+        return cluster_tree(self, of)
 
     def save(self, path: str | PathLike[str], *, source: SceneFile | None = None) -> None:
         """Write the tree to an `.npz` file, whole or not at all.
