@@ -15,6 +15,7 @@ from ._core import __version__
 from .arrays import Bytes
 from .atlas import Atlas, build_atlas
 from .atlas.bake import check_resolution, load_image
+from .atlas.drawing import check_drawing
 from .atlas.flatten import FLATTENINGS, Flattening
 from .atlas.packing import check_packing
 from .optimise import AreaConstraint, Solver
@@ -52,12 +53,14 @@ class AtlasOptions:
     levels : int, optional
         Cut into the 2^levels segments of equal area of `segment`; without it into the charts of
         least energy of `partition`.
+    shares : tuple of float, optional
+        Instead of `levels`: areas of the segments in proportion, for a file of one piece.
     distortion : float, optional
         As in `partition`, 600 where it is left out; with `levels` as in `segment`, and 0.
     max_distortion, max_charts, effort
-        As in `partition`; not with `levels`.
+        As in `partition`; not with `levels` or `shares`.
     connected, law, area, epsilon, solver, initial
-        As in `segment`; with `levels` alone.
+        As in `segment`; with `levels` or `shares` alone.
     seed : int, default 0
         Of what is random.
     flatten : {"isometric", "bff", "lscm"}, optional
@@ -76,6 +79,12 @@ class AtlasOptions:
         Side of the texture in texels.
     padding : int, default 4
         Least distance of the charts in texels.
+    charts : str or PathLike, optional
+        A `.glb` file for the overlapping charts, as `Atlas.save_charts` writes it.
+    outlines : str or PathLike, optional
+        An `.svg` or `.dxf` file for the outlines of the flat segments, as `Outlines.save` does.
+    unit : {"mm", "cm", "m", "in", "ft"}, optional
+        Of the lengths of the mesh; m for a glTF file, else mm by default.
 
     Raises
     ------
@@ -84,6 +93,7 @@ class AtlasOptions:
     """
 
     levels: int | None = None
+    shares: tuple[float, ...] | None = None
     distortion: float | None = None
     max_distortion: float | None = None
     max_charts: int | None = None
@@ -103,26 +113,42 @@ class AtlasOptions:
     rebake: bool = False
     resolution: int = 1024
     padding: int = 4
+    charts: str | PathLike[str] | None = None
+    outlines: str | PathLike[str] | None = None
+    unit: str | None = None
 
     def __post_init__(self) -> None:
         defaults = type(self).__dataclass_fields__
-        for name in _OF_THE_TREE if self.levels is None else _OF_THE_PARTITION:
+        if self.levels is not None and self.shares is not None:
+            raise ValueError("shares: value must not be given with levels")
+        for name in _OF_THE_PARTITION if self.by_tree else _OF_THE_TREE:
             if getattr(self, name) != defaults[name].default:
                 raise ValueError(
-                    f"{name}: value must be given with levels alone"
-                    if self.levels is None
-                    else f"{name}: value must not be given with levels"
+                    f"{name}: value must not be given with levels or shares"
+                    if self.by_tree
+                    else f"{name}: value must be given with levels or shares alone"
                 )
+        if self.charts is not None and Path(self.charts).suffix.lower() != ".glb":
+            raise ValueError(f"charts: {self.charts} must end in .glb")
+        if self.unit is not None and self.outlines is None:
+            raise ValueError("unit: value must be given with outlines alone")
+        if self.outlines is not None:
+            check_drawing(Path(self.outlines), self.unit or "mm")
         if self.rebake and self.texture is not None:
             raise ValueError("rebake: value must not be given with texture")
         if self.flatten not in (None, *FLATTENINGS):
             raise ValueError(f"flatten: {self.flatten!r} must be one of {FLATTENINGS}")
         check_resolution(self.resolution)
         check_packing(self.padding, self.resolution)
-        if self.levels is None:
-            check_options(**self.of_partition())
-        else:
+        if self.by_tree:
             Options(**self.of_tree())
+        else:
+            check_options(**self.of_partition())
+
+    @property
+    def by_tree(self) -> bool:
+        """Whether the charts are the segments of a tree."""
+        return self.levels is not None or self.shares is not None
 
     def of_partition(self) -> dict[str, Any]:
         """Options of `partition`."""
@@ -135,7 +161,7 @@ class AtlasOptions:
         }
 
     def of_tree(self) -> dict[str, Any]:
-        """Options of `segment`, its levels aside."""
+        """Options of `segment`, its levels and shares aside."""
         weight = 0.0 if self.distortion is None else self.distortion
         return {
             "distortion": weight,
@@ -321,10 +347,11 @@ def _made(
     # What is saved may get a texture later.
     saved, page = output.suffix.lower() == ".npz", output.suffix.lower() == _PAGE
     overlap = saved or page or options.texture is not None
+    overlap = overlap or options.charts is not None
     scene, atlas = found.scene, _laid_out(found, options, overlap)
     corners = scene.corners(atlas.uv)
     try:
-        check_layout(scene, corners, atlas, even=options.levels is None)
+        check_layout(scene, corners, atlas, even=not options.by_tree)
     except ValueError as error:
         raise ValueError(f"{source}: {output} is not written: {error}") from error
     result = replace(
@@ -332,7 +359,8 @@ def _made(
     )
     if saved:
         atlas.save(output)
-        return replace(result, files=(output,), notes=found.notes)
+        result = replace(result, files=(output,), notes=found.notes)
+        return _save_more(result, atlas, scene)
     image = None if options.texture is None else atlas.bake(picture, resolution=options.resolution)
     baked = None
     if options.rebake or (page and image is None and has_textures(found.document)):
@@ -347,7 +375,8 @@ def _made(
         contents = found.document.with_uv(
             output, corners, image=image, uv_set=options.uv_set, baked=baked
         )
-    return _written(result, contents, *found.notes, *(baked.notes if baked else ()))
+    written = _written(result, contents, *found.notes, *(baked.notes if baked else ()))
+    return _save_more(written, atlas, scene)
 
 
 def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopened | FileAtlas:
@@ -366,9 +395,11 @@ def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopen
     if not options.cut:
         scene.file = scene_file(result.source)
     segmentation = (
-        partition(scene, progress=progress, **options.of_partition())
-        if options.levels is None
-        else segment(scene, options.levels, progress=progress, **options.of_tree())
+        segment(
+            scene, options.levels, shares=options.shares, progress=progress, **options.of_tree()
+        )
+        if options.by_tree
+        else partition(scene, progress=progress, **options.of_partition())
     )
     return Reopened(document, scene, segmentation)
 
@@ -376,7 +407,15 @@ def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopen
 def _check_solved(options: AtlasOptions) -> None:
     """Refuse options of the solve for what was solved before."""
     given = options.given()
-    for name in ("levels", "distortion", "weld", "seed", *_OF_THE_TREE, *_OF_THE_PARTITION):
+    for name in (
+        "levels",
+        "shares",
+        "distortion",
+        "weld",
+        "seed",
+        *_OF_THE_TREE,
+        *_OF_THE_PARTITION,
+    ):
         if name in given:
             raise ValueError(f"{name}: value must not be given with an .npz file")
 
@@ -395,6 +434,20 @@ def _laid_out(found: Reopened, options: AtlasOptions, overlap: bool) -> Atlas:
             resolution=options.resolution,
             overlap=overlap,
         )
+
+
+def _save_more(result: FileAtlas, atlas: Atlas, scene: Scene) -> FileAtlas:
+    """Write what is asked for beside the output."""
+    options, files = result.options, list(result.files)
+    if options.charts is not None:
+        files.append(Path(options.charts))
+        atlas.save_charts(files[-1], padding=options.padding, resolution=options.resolution)
+    if options.outlines is not None:
+        files.append(Path(options.outlines))
+        meshes = result.source if scene.file is None else Path(scene.file.path)
+        metres = meshes.suffix.lower() in (".glb", ".gltf")
+        atlas.outlines().save(files[-1], unit=options.unit or ("m" if metres else "mm"))
+    return replace(result, files=tuple(files))
 
 
 def _picture(texture: str | PathLike[str] | None) -> Bytes | None:

@@ -40,7 +40,11 @@ def atlas(
     rebake: options.Rebake = False,
     resolution: options.Resolution = 1024,
     padding: options.Padding = 4,
+    charts: options.Charts = None,
+    outlines: options.Outlines = None,
+    unit: options.Unit = None,
     levels: options.AtlasLevels = None,
+    shares: options.Shares = None,
     connected: options.Connected = True,
     law: options.Formulation = "sharp",
     area: options.Area = "lagrangian",
@@ -53,15 +57,22 @@ def atlas(
 
     The file keeps all else that it holds. An .npz file of segment or atlas is solved already: it is
     flattened, packed and baked alone. The charts are those of least energy, few and of short
-    seams; with --levels they are the segments of equal area of the binary tree, to which
+    seams; with --levels or --shares they are the segments of the binary tree, to which
     --connected, --law, --area, --epsilon, --solver and --initial belong.
     """
     given = texture if texture is not None and str(texture) != "checker" else None
-    check_output(output, [mesh] if given is None else [mesh, given], *_SUFFIXES)
+    inputs = [mesh] if given is None else [mesh, given]
+    check_output(output, inputs, *_SUFFIXES)
+    if charts is not None:
+        check_output(charts, [*inputs, output], ".glb", name="charts")
+    if outlines is not None:
+        check_output(outlines, [*inputs, output], ".svg", ".dxf", name="outlines")
+    parts = options.parsed_shares(shares)
     from ..file_atlas import AtlasOptions, atlas_file
 
     options_of_file = AtlasOptions(
         levels=levels,
+        shares=parts,
         distortion=distortion,
         max_distortion=max_distortion,
         max_charts=max_charts,
@@ -81,8 +92,11 @@ def atlas(
         rebake=rebake,
         resolution=resolution,
         padding=padding,
+        charts=charts,
+        outlines=outlines,
+        unit=unit,
     )
-    with phases() if levels is None else progress(levels) as report:
+    with progress(levels) if options_of_file.by_tree else phases() as report:
         made = atlas_file(mesh, output, options_of_file, progress=report)
     for note in made.notes:
         say(f"note: {note}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +12,7 @@ __all__ = [
     "Area",
     "AtlasDistortion",
     "AtlasLevels",
+    "Charts",
     "Connected",
     "Cut",
     "Distortion",
@@ -28,18 +30,23 @@ __all__ = [
     "MaxDistortion",
     "Mesh",
     "MeshOrNpz",
+    "Outlines",
     "Padding",
     "Quiet",
     "Rebake",
     "Resolution",
     "Seed",
+    "SegmentLevels",
+    "Shares",
     "Solver",
     "Strict",
     "Texture",
     "Threads",
+    "Unit",
     "UvSet",
     "Verbose",
     "Weld",
+    "parsed_shares",
 ]
 
 Mesh = Annotated[
@@ -82,6 +89,16 @@ Threads = Annotated[
 
 # Of the segmentation.
 Levels = Annotated[int, typer.Option(help="Depth of the binary tree: 2^levels segments.")]
+SegmentLevels = Annotated[
+    int | None, typer.Option(help="Depth of the binary tree: 2^levels segments.", show_default="3")
+]
+Shares = Annotated[
+    str | None,
+    typer.Option(
+        help="Instead of --levels: areas of the segments in proportion, such as 1,2,4.",
+        show_default="equal",
+    ),
+]
 Connected = Annotated[
     bool, typer.Option("--connected/--no-connected", help="Keep every segment in one piece.")
 ]
@@ -186,6 +203,22 @@ Resolution = Annotated[
     int, typer.Option(help="Side of the baked texture in texels.", min=32, max=16384)
 ]
 
+# Beside the atlas.
+Charts = Annotated[
+    Path | None,
+    typer.Option(help="Write FILE.glb, too: a mesh for each overlapping chart, with its weight."),
+]
+Outlines = Annotated[
+    Path | None,
+    typer.Option(help="Write FILE.svg or .dxf, too: the flat charts 1:1, with matching notches."),
+]
+Unit = Annotated[
+    Literal["mm", "cm", "m", "in", "ft"] | None,
+    typer.Option(
+        help="Unit of the mesh, for --outlines.", show_default="m for GLB and glTF, else mm"
+    ),
+]
+
 # Of remeshing.
 EdgeLength = Annotated[
     float | None,
@@ -197,3 +230,16 @@ EdgeLength = Annotated[
 FeatureAngle = Annotated[
     float, typer.Option(help="Keep creases sharper than this, in degrees; 180 keeps none.")
 ]
+
+
+def parsed_shares(text: str | None) -> tuple[float, ...] | None:
+    """Numbers of an option; ValueError for anything but two or more positive ones."""
+    if text is None:
+        return None
+    try:
+        shares = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        shares = ()
+    if len(shares) < 2 or not all(0 < share < math.inf for share in shares):
+        raise ValueError(f"shares: {text!r} must be two or more positive numbers, such as 1,2,4")
+    return shares

@@ -38,15 +38,21 @@ _Drawn = tuple[int, int | None, str]
 
 
 @contextmanager
-def progress(levels: int) -> Iterator[Callable[[Progress], None] | None]:
-    """Give a callback that draws a bar on the error stream, or none where that is no terminal."""
+def progress(levels: int | None) -> Iterator[Callable[[Progress], None] | None]:
+    """Give a callback that draws a bar on the error stream, or none where that is no terminal.
+
+    Without levels the bar pulses.
+    """
 
     def drawn(state: Progress) -> _Drawn:
-        words = (
-            f"level {state.level} of {levels}, node {state.node + 1} of {2 ** (state.level - 1)}, "
-            f"iteration {state.iteration}, energy {state.energy:.6f}"
-        )
-        return 2 ** (state.level - 1) - 1 + state.node, 2**levels - 1, words
+        words = f"iteration {state.iteration}, energy {state.energy:.6f}"
+        number, width = state.node + 1, 2 ** (state.level - 1)
+        if levels is None:
+            # Of segments of any shares some levels have fewer nodes.
+            words = f"level {state.level}, node {number}, {words}"
+            return 0, None, words
+        words = f"level {state.level} of {levels}, node {number} of {width}, {words}"
+        return width - 1 + state.node, 2**levels - 1, words
 
     with _bar() as draw:
         yield None if draw is None else lambda state: draw(drawn(state))

@@ -26,7 +26,8 @@ def segment(
         Path,
         typer.Option("-o", "--output", help="OUT.npz: everything; OUT.ply: weights and labels."),
     ],
-    levels: options.Levels = 3,
+    levels: options.SegmentLevels = None,
+    shares: options.Shares = None,
     connected: options.Connected = True,
     distortion: options.Distortion = 0.0,
     law: options.Formulation = "sharp",
@@ -37,11 +38,15 @@ def segment(
     seed: options.Seed = 0,
     strict: options.Strict = False,
 ) -> Record:
-    """Segment a mesh into 2^levels connected segments of equal area.
+    """Segment a mesh into 2^levels connected segments of equal area, or by --shares.
 
     Those of a file of several pieces are given out to the pieces by area, at least one each.
     """
     check_output(output, [mesh], ".npz", ".ply")
+    parts = options.parsed_shares(shares)
+    if levels is not None and parts is not None:
+        raise ValueError("shares: value must not be given with levels")
+    levels = 3 if levels is None and parts is None else levels
     from ..io import save_ply
     from ..scene.scene import load_scene
     from ..segmentation import Options, SegmentTree
@@ -61,9 +66,9 @@ def segment(
     # A file of one piece has a tree of its own.
     alone = len(scene.pieces) == 1 and not any(m.repaired.report.aside for m in scene.meshes)
     segments: SegmentTree | SceneSegmentation = (
-        segmented(scene.pieces[0].surface, levels, **others)
+        segmented(scene.pieces[0].surface, levels, shares=parts, **others)
         if alone
-        else segmented(scene, levels, **others)
+        else segmented(scene, levels, shares=parts, **others)
     )
     if output.suffix.lower() == ".npz":
         if isinstance(segments, SegmentTree):
@@ -106,22 +111,24 @@ def _figures(segments: SegmentTree | SceneSegmentation, scene: Scene) -> Record:
 
 
 @overload
-def segmented(surface: Scene, levels: int, **others: Any) -> SceneSegmentation: ...
+def segmented(surface: Scene, levels: int | None, **others: Any) -> SceneSegmentation: ...
 
 
 @overload
-def segmented(surface: Surface, levels: int, **others: Any) -> SegmentTree: ...
+def segmented(surface: Surface, levels: int | None, **others: Any) -> SegmentTree: ...
 
 
-def segmented(surface: Surface, levels: int, **others: Any) -> SegmentTree | SceneSegmentation:
+def segmented(
+    surface: Surface, levels: int | None, **others: Any
+) -> SegmentTree | SceneSegmentation:
     """Segment a surface or the pieces of a scene; the progress is shown on a terminal.
 
     Parameters
     ----------
     surface : Surface or Scene
         What to segment.
-    levels : int
-        Depth of the tree.
+    levels : int, optional
+        Depth of the tree; None where `shares` are among the others.
     **others
         More options of the library's `segment`.
     """

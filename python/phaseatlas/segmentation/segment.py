@@ -34,8 +34,8 @@ from .node import (
 )
 from .options import Initial, Law, Options, Widths
 from .scene import SceneSegmentation, leaves_of_pieces
-from .tree import MAX_LEVELS, SegmentTree, children, front, outline, paths
-from .whole import n_units
+from .shares import check_levels, parts_of
+from .tree import SegmentTree, children, front, outline, paths
 
 __all__ = ["segment"]
 
@@ -119,7 +119,8 @@ def segment(  # type: ignore[misc]
         default.
     shares : sequence of float, optional
         Instead of `levels`: positive numbers in proportion to which the segments get their areas,
-        as many segments as numbers, by bisections into unequal parts.
+        as many segments as numbers, by bisections into unequal parts. Not for scenes of several
+        pieces.
     epsilon, epsilon_start, connected, kappa, delta, eta, sigma, area, penalty, distortion, law, \
 seed, solver, max_iterations, coarse
         The options of `Options`, which says what they mean.
@@ -174,14 +175,18 @@ seed, solver, max_iterations, coarse
         coarse=coarse,
     )
     if not isinstance(surface, Scene):
-        parts = _parts(surface, levels, shares)
+        parts = parts_of(surface, levels, shares)
         return _tree(surface, parts, options, initial, executor, progress)
-    if shares is not None:
-        raise ValueError("shares: value must be left out for a scene")
     if not isinstance(initial, str):
         raise ValueError("initial: value must be a name for a scene")
-    _check_levels(levels)
     surfaces = [piece.surface for piece in surface.pieces]
+    if shares is not None:
+        if len(surfaces) > 1:
+            raise ValueError("shares: value must be left out for a scene of several pieces")
+        parts = parts_of(surfaces[0], levels, shares)
+        tree = _tree(surfaces[0], parts, options, initial, executor, progress)
+        return SceneSegmentation.of_trees(surface, [tree])
+    check_levels(levels)
     counts = leaves_of_pieces(surfaces, 2 ** (1 if levels is None else levels))
     asked = max(2 ** (1 if levels is None else levels), len(surfaces))
     if sum(counts) < asked:
@@ -293,46 +298,6 @@ def _forward(
     for step in steps:
         fields = (step.forward @ fields.T).T
     return fields
-
-
-def _parts(surface: Surface, levels: int | None, shares: Sequence[float] | None) -> Sequence[float]:
-    """The shares of the segments, checked."""
-    if shares is not None:
-        parts = np.asarray(shares, dtype=np.float64)
-        if levels is not None:
-            raise ValueError("shares: must be given without levels")
-        if parts.ndim != 1 or len(parts) < 2:
-            raise ValueError(f"shares: shape {parts.shape} must be (k,) with k at least 2")
-        if not (np.isfinite(parts) & (parts > 0)).all():
-            wrong = int(np.argmin(np.isfinite(parts) & (parts > 0)))
-            raise ValueError(f"shares[{wrong}]: {parts[wrong]} must be a positive number")
-        if len(parts) > 2**MAX_LEVELS:
-            raise ValueError(f"shares: {len(parts)} of them must be at most {2**MAX_LEVELS}")
-        least = float(surface.face_areas.min() / surface.area)
-        if (parts < least * parts.sum()).any():
-            small = int(np.argmin(parts))
-            raise ValueError(
-                f"shares[{small}]: {parts[small]} must be at least {least:.3g} of their sum, the "
-                "area of a face"
-            )
-        if len(parts) > surface.n_faces:
-            raise ValueError(
-                f"shares: {len(parts)} asks for more segments than {surface.n_faces} faces"
-            )
-        return parts.tolist()  # type: ignore[no-any-return]
-    _check_levels(levels)
-    count = 2 ** (1 if levels is None else int(levels))
-    most = n_units(surface, count)
-    if most == 1:
-        raise ValueError("levels: a single face cannot be cut")
-    if most < count:
-        quality.warn(f"levels: {most} segments instead of {count}, one for each face")
-    return [1.0] * min(count, most)
-
-
-def _check_levels(levels: int | None) -> None:
-    if levels is not None and levels not in range(1, MAX_LEVELS + 1):
-        raise ValueError(f"levels: {levels!r} must be a whole number in 1..{MAX_LEVELS}")
 
 
 def _given_fields(
