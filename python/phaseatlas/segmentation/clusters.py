@@ -79,7 +79,7 @@ class ClusterTree:
 def cluster_tree(tree: SegmentTree, of: Clustered = "faces") -> ClusterTree:
     """Return the clusters of a tree of segments.
 
-    A vertex belongs to the leaf that has most area around it.
+    A vertex belongs to the leaf that has most area around it, of several to the first.
 
     Parameters
     ----------
@@ -153,7 +153,9 @@ def _leaf_of_vertices(tree: SegmentTree, n_leaves: int) -> Ints:
     at = surface.faces.reshape(-1), np.repeat(tree.labels, 3)
     around = coo_array((np.repeat(surface.face_areas, 3), at), shape=shape).tocsr().tocoo()
     vertex, leaf = around.coords
-    order = np.lexsort((leaf, -around.data, vertex))
+    # Rounding does not decide between leaves that have half each.
+    part = np.round(around.data / (3 * surface.mass[vertex]), 9)
+    order = np.lexsort((leaf, -part, vertex))
     _, first = np.unique(vertex[order], return_index=True)
     found: Ints = leaf[order][first].astype(np.int64)
     return found
