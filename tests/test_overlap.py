@@ -16,7 +16,7 @@ from PIL import Image
 
 import phaseatlas as pa
 from phaseatlas import _core
-from phaseatlas.atlas.overlap import pack_domains
+from phaseatlas.atlas.overlap import injective, pack_domains
 
 ROOT = Path(__file__).parents[1]
 TYPES = {5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -29,8 +29,15 @@ def star():
     return pa.segment(pa.datasets.starfish(3), 3)
 
 
-@pytest.fixture(scope="module", params=["bff", "isometric"])
+@pytest.fixture(scope="module", params=["bff", "isometric", "partition", "wide"])
 def atlas(request, star):
+    """Atlases whose domains overlap themselves not at all, or here and there."""
+    if request.param == "partition":
+        return pa.build_atlas(pa.partition(star.surface))
+    if request.param == "wide":
+        # Weights that reach around the limbs.
+        wide = pa.Segmentation(star.surface, star.labels, epsilon=1.0)
+        return pa.build_atlas(wide, flatten="isometric", threshold=0.0)
     return pa.build_atlas(star, flatten=request.param)
 
 
@@ -83,10 +90,11 @@ def test_weights_sum_to_one_at_each_vertex(atlas, tmp_path):
     np.testing.assert_allclose(total, 1, atol=1e-6)
 
 
-def test_meshes_are_the_whole_domains(atlas, tmp_path):
+def test_meshes_are_the_domains(atlas, tmp_path):
     atlas.save_charts(tmp_path / "charts.glb")
     _, found = read(tmp_path / "charts.glb")
-    for (_, arrays, triangles), chart in zip(found, atlas.charts, strict=True):
+    charts = injective(atlas)
+    for (_, arrays, triangles), chart in zip(found, charts, strict=True):
         vertices = numbered(atlas.surface, arrays["POSITION"])
         assert np.array_equal(vertices[triangles], atlas.surface.faces[chart.faces])
         # v points down in the file.
@@ -94,6 +102,35 @@ def test_meshes_are_the_whole_domains(atlas, tmp_path):
         np.testing.assert_allclose(plane[triangles], chart.uv[chart.triangles], atol=1e-5)
         normals = atlas.surface.vertex_normals[vertices]
         np.testing.assert_allclose(arrays["NORMAL"], normals, atol=1e-6)
+
+
+def test_what_overlaps_is_left_out_and_no_more(atlas):
+    for chart, given in zip(injective(atlas), atlas.charts, strict=True):
+        assert set(given.faces[given.labelled]) == set(chart.faces[chart.labelled])
+        assert set(chart.faces) <= set(given.faces)
+        corners = given.uv[given.triangles]
+        flips, crosses, _ = _core.faults(given.triangles, given.uv, 1e-9)
+        if not (flips or crosses):
+            assert np.array_equal(chart.faces, given.faces)
+        low, side = corners.min(axis=(0, 1)), np.ptp(corners, axis=(0, 1)).max()
+        places = (chart.uv[chart.triangles] - low) / side
+        _, count = _core.rasterize(np.ascontiguousarray(places), 1024)
+        assert count.max() == 1
+        # Over the edge of what is left out nothing jumps.
+        out = np.setdiff1d(given.faces, chart.faces)
+        own = atlas.surface.faces[chart.faces[chart.labelled]]
+        edge = np.setdiff1d(atlas.surface.faces[out], own)
+        assert (chart.weights[np.isin(chart.vertices, edge)] == 0).all()
+        # Every face has a weight in its own chart.
+        own_weights = chart.weights[chart.triangles[chart.labelled]]
+        assert (own_weights.max(axis=1) > 0).all()
+
+
+def test_some_domains_overlap_themselves(star):
+    """Or the test above shows nothing."""
+    atlas = pa.build_atlas(pa.partition(star.surface))
+    before = sum(len(chart.faces) for chart in atlas.charts)
+    assert sum(len(chart.faces) for chart in injective(atlas)) < before
 
 
 def test_domains_lie_side_by_side_on_one_scale(atlas, tmp_path):
@@ -110,7 +147,7 @@ def test_domains_lie_side_by_side_on_one_scale(atlas, tmp_path):
             for places in (side * uv, arrays["TEXCOORD_1"].astype(np.float64))
         ]
         np.testing.assert_allclose(*lengths, atol=1e-4)
-        covered.append(_core.rasterize(np.ascontiguousarray(uv[triangles]), 512)[1] > 0)
+        covered.append(_core.rasterize(np.ascontiguousarray(uv[triangles]), 512)[1])
     assert np.sum(covered, axis=0).max() == 1
 
 
@@ -129,14 +166,6 @@ def test_far_from_the_origin_positions_keep_their_digits(star, tmp_path):
         assert triangles.max() < len(arrays["POSITION"])
         placed = arrays["POSITION"].astype(np.float64) + node.translation
         assert np.abs(placed - [1e6, 0, 0]).max() < 3
-
-
-def test_domains_that_overlap_themselves_are_said(star, tmp_path):
-    # Weights this wide reach around the limbs.
-    wide = pa.Segmentation(star.surface, star.labels, epsilon=1.0)
-    atlas = pa.build_atlas(wide, flatten="isometric", threshold=0.0)
-    with pytest.warns(pa.QualityWarning, match=r"charts: \d of 8 domains overlap themselves"):
-        atlas.save_charts(tmp_path / "charts.glb")
 
 
 def test_another_suffix_is_refused(atlas, tmp_path):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import _core
-from ..arrays import Floats
+from ..arrays import Bools, Floats
 from ..files import write_bytes
 from ..points import flat_areas
 from ..quality import warn
@@ -19,10 +19,77 @@ from ..scene.gltf import ruin_of_single_precision, translation
 from ..scene.gltf_files import glb_bytes
 from ..scene.gltf_slots import attribute, indices, settle
 from .charts import Chart, Layout
-from .metrics import THIN
-from .packing import pack
+from .packing import edge_components, pack
 
-__all__ = ["charts_glb", "pack_domains", "save_charts"]
+__all__ = ["charts_glb", "injective", "pack_domains", "save_charts"]
+
+# Least side in texels of the image of a domain in which no texel is to be covered twice. A domain
+# is smaller in a texture of all of them, so that one as large as the texture is finer.
+_TEXELS = 1024
+
+
+def injective(layout: Layout, *, resolution: int = 1024) -> list[Chart]:
+    """Return the charts of a layout without the faces that cover points of their planes twice.
+
+    The map of a chart's labelled faces is a bijection, and all of them stay. Of other faces that
+    cover the same texel those of most weight do. Over the edge of what is left out the weights
+    fall to 0, and at every vertex of the surface they sum to 1 again.
+
+    Parameters
+    ----------
+    layout : Layout
+    resolution : int, default 1024
+        Side in texels of the texture that is meant.
+    """
+    n = layout.surface.n_vertices
+    charts, weights = [], np.zeros((len(layout.charts), n))
+    labelled = np.zeros(weights.shape, dtype=np.bool_)
+    for k, chart in enumerate(layout.charts):
+        kept = _kept(chart, max(resolution, _TEXELS))
+        weights[k, chart.vertices] = chart.weights
+        at_edge = chart.vertices[chart.triangles[~kept]]
+        labelled[k, chart.vertices[chart.triangles[chart.labelled]]] = True
+        weights[k, at_edge] *= labelled[k, at_edge]
+        used, triangles = np.unique(chart.triangles[kept], return_inverse=True)
+        charts.append(
+            replace(
+                chart,
+                faces=chart.faces[kept],
+                labelled=chart.labelled[kept],
+                vertices=chart.vertices[used],
+                triangles=triangles.reshape(-1, 3),
+                uv=chart.uv[used],
+                log_scale=chart.log_scale[used],
+            )
+        )
+    bare = weights.sum(axis=0) == 0
+    weights[:, bare] = labelled[:, bare]
+    weights /= weights.sum(axis=0)
+    return [
+        replace(chart, weights=weight[chart.vertices])
+        for chart, weight in zip(charts, weights, strict=True)
+    ]
+
+
+def _kept(chart: Chart, resolution: int) -> Bools:
+    """Faces of a chart that cover no texel twice and hang together with the labelled ones."""
+    corners = chart.uv[chart.triangles]
+    kept = chart.labelled | (flat_areas(corners, signed=True) > 0)
+    weight = chart.weights[chart.triangles].mean(axis=1)
+    # The first of the faces that cover a texel is told: the one of least weight.
+    order = np.lexsort((weight, chart.labelled))
+    unit = (corners - corners.min(axis=(0, 1))) / np.ptp(corners, axis=(0, 1)).max()
+    while True:
+        tried = order[kept[order]]
+        first, count = _core.rasterize(np.ascontiguousarray(unit[tried]), resolution)
+        twice = tried[np.unique(first[count > 1])]
+        twice = twice[~chart.labelled[twice]]
+        if not len(twice):
+            break
+        kept[twice] = False
+    part = edge_components(chart.triangles[kept])[1]
+    kept[kept] = np.isin(part, part[chart.labelled[kept]])
+    return kept
 
 
 def pack_domains(
@@ -30,8 +97,8 @@ def pack_domains(
 ) -> list[Floats]:
     """Lay the whole domains of charts side by side in the unit square, all on one scale.
 
-    A face is there once for each chart that holds it. Domains do not overlap each other; one that
-    overlaps itself in the plane of its chart does so here.
+    A face is there once for each chart that holds it. Domains do not overlap each other, and a
+    domain overlaps itself as it does in the plane of its chart: `injective` ones do not.
 
     Parameters
     ----------
@@ -97,7 +164,7 @@ def save_charts(
 
 
 def charts_glb(layout: Layout, name: str, *, padding: int = 4, resolution: int = 1024) -> bytes:
-    """Return a binary glTF file with a mesh for each chart on its whole domain.
+    """Return a binary glTF file with a mesh for each of the `injective` charts.
 
     The attributes of its vertices are
 
@@ -120,21 +187,16 @@ def charts_glb(layout: Layout, name: str, *, padding: int = 4, resolution: int =
     padding, resolution
         As in `pack_domains`.
 
-    Warns
-    -----
-    QualityWarning
-        Where the domain of a chart overlaps itself outside of the faces of its segment, so that a
-        painted texture shows in two places.
     """
     surface = layout.surface
-    packed = pack_domains(layout.charts, padding=padding, resolution=resolution)
-    _warn_of_overlap(layout)
-    flat = sum(flat_areas(chart.uv[chart.triangles]).sum() for chart in layout.charts)
+    charts = injective(layout, resolution=resolution)
+    packed = pack_domains(charts, padding=padding, resolution=resolution)
+    flat = sum(flat_areas(chart.uv[chart.triangles]).sum() for chart in charts)
     side = float(np.sqrt(flat / sum(flat_areas(uv).sum() for uv in packed)))
     centre = translation(surface.vertices)
     nodes: list[Json] = []
     meshes: list[Json] = []
-    for number, (chart, uv) in enumerate(zip(layout.charts, packed, strict=True)):
+    for number, (chart, uv) in enumerate(zip(charts, packed, strict=True)):
         title = f"{name}_{number}"
         extras = {"chart": number, "segment": int(chart.segment)}
         node: Json = {"name": title, "mesh": number, "extras": extras}
@@ -181,15 +243,3 @@ def _primitive(layout: Layout, chart: Chart, uv: Floats, centre: Floats) -> Json
         "_WEIGHT": attribute("SCALAR", weights[:, None]),
     }
     return {"attributes": attributes, "indices": indices(inverse, len(unique)), "material": 0}
-
-
-def _warn_of_overlap(layout: Layout) -> None:
-    thin = THIN * float(np.sqrt(layout.surface.area))
-    found = [_core.faults(chart.triangles, chart.uv, thin) for chart in layout.charts]
-    twice = sum(bool(flips or crosses) for flips, crosses, _ in found)
-    if twice:
-        warn(
-            f"charts: {twice} of {len(found)} domains overlap themselves in the plane, outside of "
-            "the faces of their segments; paint there shows in two places, and a higher threshold "
-            "makes domains narrower"
-        )

@@ -63,7 +63,7 @@ def pack(
         ]
     )
     faces = np.concatenate([chart.faces[chart.labelled] for chart in charts])
-    count, piece = _edge_components(triangles)
+    count, piece = edge_components(triangles)
     _check_shapes(points, triangles, faces, piece, first)
 
     largest = _core.most_padding(count)
@@ -120,7 +120,7 @@ def _check_shapes(points: Floats, triangles: Ints, faces: Ints, piece: Ints, fir
         raise ValueError(f"charts[{chart}].uv: the piece at face {faces[face]} must have an area")
 
 
-def _edge_components(triangles: Ints) -> tuple[int, Ints]:
+def edge_components(triangles: Ints) -> tuple[int, Ints]:
     """Number of edge-connected parts and the part of each triangle."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, edge = np.unique(edges, axis=0, return_inverse=True)
