@@ -18,13 +18,13 @@ from .gltf_files import gltf_files
 from .gltf_meshes import materials_of, meshes_of, triangles_of
 from .looks import Baked
 from .mesh import Contents, Corners, Material, Mesh
-from .obj_document import read_obj_source
+from .obj_document import ObjSource, read_obj_source
 from .off import read_off
 from .ply import read_ply
 from .sources import CutSource, GltfSource, LooseSource, Source, as_ply
 from .stl import read_stl
 
-__all__ = ["Document", "read_document", "write_contents"]
+__all__ = ["Document", "read_document", "suffixes_for", "write_contents"]
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 
@@ -102,9 +102,7 @@ class Document:
         """
         path = Path(path)
         kind = path.suffix.lower()
-        own = self.path.suffix.lower()
-        loose = own in (".ply", ".stl", ".off")
-        allowed = (".glb", ".gltf", ".obj", *([".ply"] if loose else []))
+        allowed = suffixes_for(self.path)
         if kind not in allowed:
             either = " or ".join(allowed)
             raise ValueError(f"path: suffix {path.suffix!r} of {path} must be {either}")
@@ -205,6 +203,12 @@ def write_contents(contents: Contents, path: Path) -> None:
     write_files(contents.files)
 
 
+def suffixes_for(source: Path) -> tuple[str, ...]:
+    """Suffixes of the files that a file of this name can be written as."""
+    loose = source.suffix.lower() in (".ply", ".stl", ".off")
+    return (".glb", ".gltf", ".obj", *([".ply"] if loose else []))
+
+
 def _only_set(uv_set: int | None, last: int) -> None:
     if uv_set is not None and not 0 <= uv_set <= last:
         raise ValueError(f"uv_set: {uv_set} must be in [0, {last}] for such a file")
@@ -243,7 +247,9 @@ def read_document(path: str | PathLike[str]) -> Document:
     if not any(len(mesh.sizes) for mesh in source.meshes):
         raise ValueError(f"{path}: {_nothing(source)}")
     for mesh in source.meshes:
-        bad = ~np.isfinite(mesh.positions).all(axis=1)
+        bad = np.zeros(len(mesh.positions), dtype=np.bool_)
+        # What no face uses may be anything.
+        bad[mesh.corners] = ~np.isfinite(mesh.positions[mesh.corners]).all(axis=1)
         if bad.any():
             named = f" of mesh {mesh.name!r}" if mesh.name else ""
             raise ValueError(f"{path}: vertex {int(np.argmax(bad))}{named} is not finite")
@@ -273,6 +279,8 @@ def _read(path: Path) -> Source:
 def _nothing(source: Source) -> str:
     """Why a file holds no surface."""
     points = sum(len(mesh.positions) for mesh in source.meshes)
+    if isinstance(source, ObjSource) and source.has_points:
+        return "no faces: points or lines alone"
     if isinstance(source, GltfSource):
         if not source.gltf.json.get("meshes"):
             return "an empty scene: there is no mesh"

@@ -61,6 +61,11 @@ class ObjSource:
     kinds: tuple[str, ...] = (".obj",)
 
     @property
+    def has_points(self) -> bool:
+        """Whether there are vertices, in faces or not."""
+        return bool((self.text.kinds == VERTEX).any())
+
+    @property
     def named(self) -> tuple[Path, ...]:
         """Material libraries and textures of the file."""
         return tuple(

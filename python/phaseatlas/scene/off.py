@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 from .mesh import Corners, Mesh
-from .polygons import walk
+from .polygons import outside, walk
 
 __all__ = ["read_off"]
 
@@ -43,6 +43,9 @@ def read_off(data: bytes) -> tuple[Mesh, Corners]:
         rows, polygons = lines[1 : n + 1], lines[n + 1 : n + 1 + m]
         if len(polygons) < m:
             raise ValueError("the file is cut short")
+        if len({len(row) for row in rows}) > 1:
+            # Only some vertices have a colour.
+            rows = [row[:3] for row in rows]
         values = np.array(rows, dtype=np.bytes_).astype(np.float64).reshape(n, -1)
         sizes = np.array([int(line[0]) for line in polygons], dtype=np.int64)
         words = [
@@ -100,7 +103,7 @@ def _mesh(
     kept = sizes > 2
     corners, sizes = corners[np.repeat(kept, sizes)], sizes[kept]
     if len(corners) and (corners.min() < 0 or corners.max() >= len(values)):
-        raise ValueError(f"a face names vertex {corners.max()} among {len(values)}")
+        raise ValueError(f"a face names vertex {outside(corners, len(values))} among {len(values)}")
     width, at = values.shape[1] if values.size else 3, 3
     normals = colours = uv = None
     if normal and width >= at + 3:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from ..arrays import Floats, Ints
 from .mesh import Corners, Mesh
 from .ply_elements import Element, Lists, Ply, read_elements, write_elements
-from .polygons import split_vertices
+from .polygons import outside, split_vertices, starts_of
 
 __all__ = ["ply", "ply_of", "ply_with_uv", "read_ply"]
 
@@ -71,7 +72,7 @@ def read_ply(data: bytes) -> tuple[Ply, Mesh, Corners]:
         For a header that makes no sense, a file that is cut short, and a face that names a vertex
         that does not exist.
     """
-    elements = read_elements(data)
+    elements = _with_faces(read_elements(data))
     vertex = elements.elements.get("vertex", Element(0, {})).columns
     if not {"x", "y", "z"} <= set(vertex):
         raise ValueError("there are no vertices with x, y and z")
@@ -84,7 +85,8 @@ def read_ply(data: bytes) -> tuple[Ply, Mesh, Corners]:
     inside = np.repeat(kept, polygons.sizes)
     corners, sizes = polygons.values.astype(np.int64)[inside], polygons.sizes[kept]
     if len(corners) and (corners.min() < 0 or corners.max() >= len(positions)):
-        raise ValueError(f"a face names vertex {corners.max()} among {len(positions)}")
+        named = outside(corners, len(positions))
+        raise ValueError(f"a face names vertex {named} among {len(positions)}")
     uvs: tuple[Floats, ...] = ()
     wedge = face.get("texcoord")
     if isinstance(wedge, Lists) and (wedge.sizes[kept] == 2 * sizes).all():
@@ -110,6 +112,35 @@ def read_ply(data: bytes) -> tuple[Ply, Mesh, Corners]:
         vertex_colours=colours is not None,
     )
     return elements, mesh, Corners(uvs, normals, colours)
+
+
+def _with_faces(elements: Ply) -> Ply:
+    """Faces in place of strips of triangles, where a file has no other faces."""
+    strips = elements.elements.get("tristrips", Element(0, {}))
+    found = next((strips.columns[name] for name in _LISTS if name in strips.columns), None)
+    others = elements.elements.get("face", Element(0, {})).rows
+    if not isinstance(found, Lists) or others or not len(found.values):
+        return elements
+    values = found.values.astype(np.int64)
+    # A negative number ends a strip, and so does a list.
+    stop = np.concatenate([values < 0, [True]])
+    first = np.zeros(len(values), dtype=np.int64)
+    first[starts_of(found.sizes)[found.sizes > 0]] = starts_of(found.sizes)[found.sizes > 0]
+    after = np.flatnonzero(values[:-1] < 0) + 1
+    first[after] = after
+    first = np.maximum.accumulate(first)
+    at = np.arange(max(len(values) - 2, 0))
+    whole = (first[at + 2] <= at) & ~stop[at] & ~stop[at + 1] & ~stop[at + 2]
+    at = at[whole]
+    odd = (at - first[at]) % 2
+    triangles = values[np.stack([at, at + 1 + odd, at + 2 - odd], axis=1)]
+    # A repeated vertex turns a strip; such triangles are none.
+    turns = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
+    corners = triangles[~turns].astype(np.int32).reshape(-1)
+    sizes = np.full(len(corners) // 3, 3)
+    kept = {k: v for k, v in elements.elements.items() if k not in ("tristrips", "face")}
+    faces = Element(len(sizes), {_LISTS[0]: Lists(sizes, corners)})
+    return replace(elements, elements={**kept, "face": faces})
 
 
 def _columns(columns: dict[str, Any], names: Sequence[str]) -> Floats:
@@ -156,7 +187,9 @@ def ply_with_uv(elements: Ply, uv: Floats, image: str | None) -> bytes:
     if image is not None:
         comments = (*comments, f"comment TextureFile {image}")
     changed = {"vertex": Element(len(rows), columns), "face": Element(face.rows, faces)}
-    return write_elements(Ply({**elements.elements, **changed}, comments))
+    return write_elements(
+        replace(elements, elements={**elements.elements, **changed}, comments=comments)
+    )
 
 
 def ply_of(mesh: Mesh, carried: Corners) -> Ply:
@@ -178,5 +211,7 @@ def ply_of(mesh: Mesh, carried: Corners) -> Ply:
         {
             "vertex": Element(len(mesh.positions), vertex),
             "face": Element(len(mesh.sizes), face),
-        }
+        },
+        # Not every reader of binary files can do with lists of several lengths.
+        text=bool((mesh.sizes != mesh.sizes[:1]).any()),
     )

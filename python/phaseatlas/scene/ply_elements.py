@@ -49,10 +49,11 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class Ply:
-    """Elements by name, and the lines of comments."""
+    """Elements by name, the lines of comments, and whether the file is in ASCII."""
 
     elements: dict[str, Element]
     comments: tuple[str, ...] = ()
+    text: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def read_elements(data: bytes) -> Ply:
         place = start
         for name, rows, properties in declared:
             elements[name], place = _binary_rows(data, place, rows, properties, order)
-    return Ply(elements, comments)
+    return Ply(elements, comments, form == "ascii")
 
 
 def _header(
@@ -96,7 +97,10 @@ def _header(
     place = data.find(b"end_header")
     if not data.startswith(b"ply") or place < 0:
         raise ValueError("there is no PLY header")
-    start = data.find(b"\n", place) + 1 or len(data)
+    # Old Macintosh files end their lines with a carriage return alone.
+    end = place + len(b"end_header")
+    start = end + 1 if data[end : end + 1] == b"\r" and data[end + 1 : end + 2] != b"\n" else 0
+    start = start or data.find(b"\n", place) + 1 or len(data)
     form, comments = "", []
     declared: list[tuple[str, int, list[_Property]]] = []
     for line in data[:place].decode("latin-1").splitlines():
@@ -117,8 +121,11 @@ def _header(
                 declared[-1][2].append(_Property(name, _TYPES[kind]))
             case ["ply"] | []:
                 pass
-            case _:
+            case ["format" | "element" | "property", *_]:
                 raise ValueError(f"the header says {line.strip()[:40]!r}")
+            case _:
+                # Some exporters leave the keyword out.
+                comments.append(f"comment {line.strip()}")
     if not form:
         raise ValueError("the header names no format")
     return form, declared, tuple(comments), start
@@ -251,8 +258,8 @@ def _uneven(
 
 
 def write_elements(ply: Ply) -> bytes:
-    """Return a binary, little-endian file."""
-    header = ["ply", "format binary_little_endian 1.0", *ply.comments]
+    """Return a file in ASCII, or in binary, little-endian."""
+    header = ["ply", f"format {'ascii' if ply.text else 'binary_little_endian'} 1.0", *ply.comments]
     blocks = []
     for name, element in ply.elements.items():
         header.append(f"element {name} {element.rows}")
@@ -262,12 +269,34 @@ def write_elements(ply: Ply) -> bytes:
                 header.append(f"property list {_length(values)[0]} {kind} {column}")
             else:
                 header.append(f"property {_NAMES[values.dtype.str[1:]]} {column}")
-        blocks.append(_pack(element))
+        blocks.append(_pack_text(element) if ply.text else _pack(element))
     return "\n".join([*header, "end_header", ""]).encode("latin-1", "replace") + b"".join(blocks)
 
 
 def _length(lists: Lists) -> tuple[str, str]:
     return ("uchar", "u1") if lists.sizes.max(initial=0) < 256 else ("int", "i4")
+
+
+def _pack_text(element: Element) -> bytes:
+    """Rows of words, the shortest that are read as the same numbers."""
+    # What stands where: the row, the column, the place in a list, the words.
+    pieces: list[tuple[Ints, Ints, Ints, Column]] = []
+    rows = np.arange(element.rows)
+    for k, values in enumerate(element.columns.values()):
+        if not isinstance(values, Lists):
+            pieces.append((rows, np.full_like(rows, k), 0 * rows, values.astype(np.str_)))
+            continue
+        inside = np.arange(len(values.values)) - np.repeat(starts_of(values.sizes), values.sizes)
+        row = np.repeat(rows, values.sizes)
+        pieces.append((rows, np.full_like(rows, k), 0 * rows, values.sizes.astype(np.str_)))
+        pieces.append((row, np.full_like(row, k), inside + 1, values.values.astype(np.str_)))
+    if not element.rows or not pieces:
+        return b""
+    row, column, place = (np.concatenate([piece[k] for piece in pieces]) for k in range(3))
+    order = np.lexsort((place, column, row))
+    words = np.concatenate([piece[3].astype(object) for piece in pieces])[order]
+    last = np.append(row[order][1:] != row[order][:-1], True)
+    return "".join((words + np.where(last, "\n", " ").astype(object)).tolist()).encode()
 
 
 def _pack(element: Element) -> bytes:

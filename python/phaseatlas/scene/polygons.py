@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..arrays import Floats, Ints
 
-__all__ = ["split_corners", "split_vertices", "starts_of", "triangulate", "walk"]
+__all__ = ["outside", "split_corners", "split_vertices", "starts_of", "triangulate", "walk"]
 
 Singles = NDArray[np.float32]
 
@@ -20,6 +20,11 @@ def starts_of(sizes: Ints) -> Ints:
     """Where each of the lists of these sizes starts."""
     starts: Ints = np.cumsum(sizes) - sizes
     return starts
+
+
+def outside(corners: Ints, count: int) -> int:
+    """The first corner that names none of so many vertices."""
+    return int(corners[(corners < 0) | (corners >= count)][0])
 
 
 def walk(

@@ -283,5 +283,7 @@ def _placed(mesh: Mesh) -> Floats:
     # An instance that is shrunk to nothing has the shape that the mesh has.
     if not (np.isfinite(largest).all() and sizes.max() > 0):
         return mesh.positions
-    placed: Floats = mesh.positions @ largest[:3, :3].T + largest[:3, 3]
+    # A vertex that no face uses may be anything.
+    with np.errstate(invalid="ignore"):
+        placed: Floats = mesh.positions @ largest[:3, :3].T + largest[:3, 3]
     return placed

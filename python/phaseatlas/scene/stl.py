@@ -32,7 +32,9 @@ def read_stl(data: bytes) -> tuple[Mesh, ...]:
     """
     count = int.from_bytes(data[_HEADER - 4 : _HEADER], "little")
     binary = len(data) >= _HEADER and len(data) == _HEADER + _FACET.itemsize * count
-    if not binary and _VERTEX.search(data, 0, 4096) is not None:
+    # A name may be long.
+    start = data.find(b"\n") if data.lstrip()[:5].lower() == b"solid" else 0
+    if not binary and _VERTEX.search(data, max(start, 0), max(start, 0) + 4096) is not None:
         return _solids(data)
     if len(data) < _HEADER or len(data) < _HEADER + _FACET.itemsize * count:
         if data.lstrip()[:5].lower() == b"solid":

@@ -10,7 +10,8 @@ use crate::error::{Error, Result};
 /// Polygons over points, as the file lists them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Polygons {
-    /// Positions of the vertices, in the order of the file.
+    /// Positions of the vertices, in the order of the file; not a number where that of a vertex
+    /// without a polygon cannot be read.
     pub positions: Vec<[f64; 3]>,
     /// Vertices of all polygons, one polygon after the other.
     pub corners: Vec<i64>,
@@ -22,12 +23,14 @@ pub struct Polygons {
 ///
 /// # Errors
 ///
-/// [`Error::Syntax`] for a position or an index that is not a number, and for an index of a vertex
-/// that does not exist; it names the line.
+/// [`Error::Syntax`] for the position of a vertex in a polygon and for an index that is not a
+/// number, and for an index of a vertex that does not exist; it names the line.
 pub fn parse(text: &[u8]) -> Result<Polygons> {
     let mut polygons = Polygons::default();
-    // Line of the largest index so far, which a later vertex may still make legal.
-    let mut farthest = (0, -1);
+    let mut open = Open {
+        farthest: (0, -1),
+        unread: Vec::new(),
+    };
     let mut tokens: Vec<&[u8]> = Vec::new();
     let mut number = 0;
     for line in text.split(|&byte| byte == b'\n') {
@@ -44,18 +47,37 @@ pub fn parse(text: &[u8]) -> Result<Polygons> {
                 .filter(|w| !w.is_empty());
             tokens.extend(words.take_while(|word| word[0] != b'#'));
             if !(end && continued) {
-                element(&mut polygons, &tokens, number, &mut farthest)?;
+                element(&mut polygons, &tokens, number, &mut open)?;
                 tokens.clear();
             }
         }
     }
-    element(&mut polygons, &tokens, number, &mut farthest)?;
-    let (line, index) = farthest;
+    element(&mut polygons, &tokens, number, &mut open)?;
+    let (line, index) = open.farthest;
     let count = polygons.positions.len();
     if index >= count as i64 {
         return Err(missing(line, index + 1, count));
     }
+    if !open.unread.is_empty() {
+        let mut used = vec![false; count];
+        for &corner in &polygons.corners {
+            used[corner as usize] = true;
+        }
+        for (vertex, error) in open.unread {
+            if used[vertex] {
+                return Err(error);
+            }
+        }
+    }
     Ok(polygons)
+}
+
+/// What only the rest of the file can decide.
+struct Open {
+    /// Line of the largest index so far, which a later vertex may still make legal.
+    farthest: (usize, i64),
+    /// Vertices without a position, and what is wrong with them. Those that no face uses are fine.
+    unread: Vec<(usize, Error)>,
 }
 
 /// Parts between carriage returns, and whether each is the last.
@@ -71,20 +93,25 @@ fn element(
     polygons: &mut Polygons,
     tokens: &[&[u8]],
     line: usize,
-    farthest: &mut (usize, i64),
+    open: &mut Open,
 ) -> Result<()> {
     match tokens {
         [b"v", rest @ ..] => {
             let mut position = [0.0; 3];
             for (axis, value) in position.iter_mut().enumerate() {
                 let token = rest.get(axis).copied().unwrap_or_default();
-                *value = number(token).ok_or_else(|| Error::Syntax {
-                    line,
-                    reason: format!(
-                        "coordinate {axis} of a vertex, {}, is no number",
-                        shown(token)
-                    ),
-                })?;
+                if let Some(read) = number(token) {
+                    *value = read;
+                    continue;
+                }
+                let reason = format!(
+                    "coordinate {axis} of a vertex, {}, is no number",
+                    shown(token)
+                );
+                let error = Error::Syntax { line, reason };
+                open.unread.push((polygons.positions.len(), error));
+                position = [f64::NAN; 3];
+                break;
             }
             polygons.positions.push(position);
         }
@@ -93,8 +120,8 @@ fn element(
             for token in rest {
                 let index = vertex(token, polygons.positions.len(), line)?;
                 polygons.corners.push(index);
-                if index > farthest.1 {
-                    *farthest = (line, index);
+                if index > open.farthest.1 {
+                    open.farthest = (line, index);
                 }
             }
             polygons.ends.push(polygons.corners.len() as i64);
