@@ -166,7 +166,7 @@ pub fn repair(
         .iter()
         .map(|c| c.map(|c| named[c as usize]))
         .collect();
-    let mut sheets = Sheets::new(positions, faces, at_corners, &areas);
+    let mut sheets = Sheets::new(positions, faces, at_corners, polygon.clone(), &areas);
     let component = sheets.components(&areas);
     let degenerate_faces = aside.iter().filter(|t| !t.twin).count();
     let defects = Defects {

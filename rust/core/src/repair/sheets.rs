@@ -28,6 +28,8 @@ pub(super) struct Sheets<'a> {
     pub(super) faces: Vec<[u32; 3]>,
     /// Vertices that the file names at the corners of the faces.
     named: Vec<[u32; 3]>,
+    /// Polygons of the faces. Those of one polygon stay together across its diagonals.
+    polygon: Vec<u32>,
     /// Whether a face is to be turned over against the input.
     pub(super) flipped: Vec<bool>,
     /// Whether it is turned over in `faces`; its second and third corner are then exchanged.
@@ -83,6 +85,7 @@ impl<'a> Sheets<'a> {
         positions: &'a [[f64; 3]],
         faces: Vec<[u32; 3]>,
         named: Vec<[u32; 3]>,
+        polygon: Vec<u32>,
         areas: &[f64],
     ) -> Self {
         let mut sides: Vec<(u64, u32)> = faces
@@ -106,6 +109,7 @@ impl<'a> Sheets<'a> {
             defects: Defects::default(),
             faces,
             named,
+            polygon,
         };
         for edge in sides.chunk_by(|a, b| a.0 == b.0) {
             match edge {
@@ -115,7 +119,9 @@ impl<'a> Sheets<'a> {
                 }
                 _ => {
                     sheets.defects.non_manifold_edges += usize::from(edge.len() > 2);
-                    sheets.edges.push(edge.iter().map(|side| side.1).collect());
+                    let edge: Vec<u32> = edge.iter().map(|side| side.1).collect();
+                    sheets.join_diagonals(&edge);
+                    sheets.edges.push(edge);
                 }
             }
         }
@@ -144,6 +150,34 @@ impl<'a> Sheets<'a> {
         self.partner[other as usize] = one;
     }
 
+    /// Joins sides of one polygon, whatever else lies at the edge: they are its diagonal.
+    fn join_diagonals(&mut self, edge: &[u32]) {
+        for (i, &one) in edge.iter().enumerate() {
+            if self.partner[one as usize] != NONE {
+                continue;
+            }
+            let other = edge[i + 1..].iter().copied().find(|&other| {
+                self.of_one_polygon(one, other)
+                    && self.partner[other as usize] == NONE
+                    && self.at(one) != self.at(other)
+                    && !self.same_vertices(one, other)
+            });
+            if let Some(other) = other {
+                self.join([one, other]);
+            }
+        }
+    }
+
+    fn of_one_polygon(&self, one: u32, other: u32) -> bool {
+        self.polygon[(one / 3) as usize] == self.polygon[(other / 3) as usize]
+    }
+
+    /// Whether a side is joined to one of its own polygon.
+    fn is_diagonal(&self, side: u32) -> bool {
+        let other = self.partner[side as usize];
+        other != NONE && self.of_one_polygon(side, other)
+    }
+
     fn open(&mut self, side: u32) {
         let other = std::mem::replace(&mut self.partner[side as usize], NONE);
         if other != NONE {
@@ -170,6 +204,7 @@ impl<'a> Sheets<'a> {
             queue.clear();
             queue.push(seed as u32);
             patch[seed] = count;
+            self.orient_polygon(seed as u32, &mut patch, &mut queue);
             let mut head = 0;
             while let Some(&f) = queue.get(head) {
                 head += 1;
@@ -183,6 +218,7 @@ impl<'a> Sheets<'a> {
                         patch[g] = count;
                         self.flipped[g] = !self.agree(side, other);
                         queue.push(g as u32);
+                        self.orient_polygon(g as u32, &mut patch, &mut queue);
                     } else if !self.agree(side, other) {
                         self.open(side);
                         self.edges.push(vec![side, other]);
@@ -194,6 +230,31 @@ impl<'a> Sheets<'a> {
             count += 1;
         }
         patch
+    }
+
+    /// Orients the rest of a face's polygon as the face, so that no cut runs along a diagonal.
+    fn orient_polygon(&mut self, face: u32, patch: &mut [u32], queue: &mut Vec<u32>) {
+        let mut head = queue.len() - 1;
+        let mut at = face;
+        loop {
+            for side in 3 * at..3 * at + 3 {
+                if !self.is_diagonal(side) {
+                    continue;
+                }
+                let other = self.partner[side as usize];
+                let g = (other / 3) as usize;
+                if patch[g] == NONE {
+                    patch[g] = patch[face as usize];
+                    self.flipped[g] = !self.agree(side, other);
+                    queue.push(g as u32);
+                }
+            }
+            head += 1;
+            let Some(&next) = queue.get(head) else {
+                return;
+            };
+            at = next;
+        }
     }
 
     /// Turns connected faces over where that flips less area of the input.
@@ -387,8 +448,10 @@ impl<'a> Sheets<'a> {
                 return;
             }
             if round >= ROUNDS {
+                // A polygon that touches itself comes apart in the end.
+                let whole = round < 2 * ROUNDS;
                 for side in conflicts.into_iter().flatten() {
-                    self.detach(side / 3);
+                    self.detach(side / 3, whole);
                 }
                 continue;
             }
@@ -430,6 +493,9 @@ impl<'a> Sheets<'a> {
         if sides.len() != 4 || b == NONE || d == NONE {
             return false;
         }
+        if self.is_diagonal(a) || self.is_diagonal(c) {
+            return false;
+        }
         let bound = self.turn(a, b).max(self.turn(c, d)).max(0.0) + TURN;
         let legal = |one, other| !self.same_vertices(one, other) && self.turn(one, other) <= bound;
         if !(legal(a, d) && legal(c, b)) {
@@ -462,12 +528,22 @@ impl<'a> Sheets<'a> {
         conflicts
     }
 
-    fn detach(&mut self, face: u32) {
-        for side in 3 * face..3 * face + 3 {
-            let other = self.partner[side as usize];
-            if other != NONE {
-                self.open(side);
-                self.defects.opened_edges += 1;
+    /// Opens all sides of a face, or of the whole polygon that it belongs to.
+    fn detach(&mut self, face: u32, whole: bool) {
+        let mut faces = vec![face];
+        let mut head = 0;
+        while let Some(&face) = faces.get(head) {
+            head += 1;
+            for side in 3 * face..3 * face + 3 {
+                let other = self.partner[side as usize];
+                if whole && self.is_diagonal(side) {
+                    if !faces.contains(&(other / 3)) {
+                        faces.push(other / 3);
+                    }
+                } else if other != NONE {
+                    self.open(side);
+                    self.defects.opened_edges += 1;
+                }
             }
         }
     }
@@ -507,7 +583,13 @@ impl<'a> Sheets<'a> {
             leads.push(n);
         }
         for pair in leads.windows(2) {
-            let side = fan.corners[usize::midpoint(pair[0], pair[1]) % n];
+            // The edge in the middle, or the one nearest to it that is no diagonal.
+            let middle = usize::midpoint(pair[0], pair[1]);
+            let side = (pair[0]..=pair[1])
+                .map(|k| (k.abs_diff(middle), fan.corners[k % n]))
+                .filter(|&(_, side)| !self.is_diagonal(side))
+                .min_by_key(|&(steps, _)| steps);
+            let Some((_, side)) = side else { continue };
             let other = self.partner[side as usize];
             if other != NONE {
                 self.open(side);
