@@ -265,6 +265,31 @@ def test_the_other_textures_go_with_their_materials(tmp_path):
         assert np.sqrt(((found - expected) ** 2).mean()) < 0.006
 
 
+@pytest.mark.parametrize("kept", [False, True])
+def test_pictures_that_nothing_shows_any_more_go(tmp_path, kept):
+    """Those that an extension of the material shows stay, and no number is wrong after it."""
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1, "texCoord": 1}}}
+    if kept:
+        coat = {"clearcoatTexture": {"index": 2, "texCoord": 1}}
+        material["extensions"] = {"KHR_materials_clearcoat": coat}
+    noise = np.random.default_rng(0).random((SIDE * SIDE, 3))
+    pictures = [png(lambda uv: 0 * waves(uv)), png(lambda uv: noise), png(waves)]
+    (tmp_path / "a.glb").write_bytes(tent(material, pictures))
+    rebaked(tmp_path / "a.glb", tmp_path / "b.glb")
+    document, blob = samples.parse((tmp_path / "b.glb").read_bytes())
+    # What nothing ever showed stays as well.
+    assert len(document["textures"]) == len(document["images"]) == 3
+    assert pictures[1] not in blob
+    assert pictures[0] in blob
+    made = document["materials"][0]
+    picture = picture_of(document, blob, made["pbrMetallicRoughness"]["baseColorTexture"])
+    assert picture.shape[:2] == (RESOLUTION, RESOLUTION)
+    if kept:
+        reference = made["extensions"]["KHR_materials_clearcoat"]["clearcoatTexture"]
+        expected = np.asarray(Image.open(io.BytesIO(pictures[2]))) / 255
+        np.testing.assert_array_equal(picture_of(document, blob, reference), expected)
+
+
 def write_tent_obj(folder, options):
     lines = ["mtllib a.mtl", "usemtl painted"]
     lines += [f"v {x} {y} {z}" for x, y, z in TENT]

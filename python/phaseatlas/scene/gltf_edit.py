@@ -17,6 +17,7 @@ import numpy as np
 from ..arrays import Bytes, Floats, Ints
 from .accessors import Gltf, Json, Rows, resource, rows
 from .gltf_meshes import Triangles, uv_names
+from .gltf_pictures import drop_pictures
 from .gltf_slots import NewAccessor, NewView, settle
 from .looks import SLOTS, Baked
 from .mesh import Cut
@@ -99,6 +100,7 @@ def with_uv(
         _paint(document, groups, png(image), at)
     if baked is not None:
         _replace_textures(document, groups, baked, at)
+        drop_pictures(gltf.json, document)
     if embed:
         _embed(gltf, document)
     return settle(gltf, document)

@@ -17,7 +17,7 @@ import numpy as np
 from .accessors import Gltf, Json, Rows
 from .gltf import APPEARANCE
 
-__all__ = ["NewAccessor", "NewView", "attribute", "indices", "settle"]
+__all__ = ["NewAccessor", "NewView", "attribute", "indices", "integers", "settle"]
 
 _TARGETS = {"vertices": 34962, "indices": 34963}
 
@@ -191,18 +191,18 @@ def _views(document: Json) -> Iterator[tuple[Any, Any]]:
 def _named(document: Json, places: Any) -> set[int]:
     """Numbers that are named, and all that an extension might name."""
     numbers = {holder[key] for holder, key in places(document) if isinstance(holder[key], int)}
-    return numbers | set(_integers(document, inside=False))
+    return numbers | set(integers(document, inside=False))
 
 
-def _integers(value: Any, *, inside: bool) -> Iterator[int]:
+def integers(value: Any, *, inside: bool) -> Iterator[int]:
     """Integers in extensions, wherever they stand."""
     if isinstance(value, dict):
         for key, member in value.items():
             if not key.startswith(APPEARANCE):
-                yield from _integers(member, inside=inside or key == "extensions")
+                yield from integers(member, inside=inside or key == "extensions")
     elif isinstance(value, list):
         for member in value:
-            yield from _integers(member, inside=inside)
+            yield from integers(member, inside=inside)
     elif inside and isinstance(value, int) and not isinstance(value, bool):
         yield value
 
