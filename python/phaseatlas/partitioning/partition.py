@@ -22,6 +22,7 @@ from ..quality import warn
 from ..scene.scene import Scene
 from ..segmentation import SceneSegmentation, Segmentation
 from ..surface import Surface
+from .bounds import share_bound, warn_of_bounds
 from .levels import Level, levels_of
 from .phases import Log, Phase
 
@@ -34,6 +35,9 @@ Effort = Literal["fast", "normal", "best"]
 DISTORTION = 600.0
 # Perturbations; each of the first 20 gains about 0.3 % of the energy.
 _PERTURBATIONS: dict[Effort, int] = {"fast": 8, "normal": 32, "best": 160}
+# Borders, and twice the handles, up to which it gets all of them, and beyond which fewer: on 133
+# handles each of them takes more than a second.
+_HOLES = 64
 # Faces up to which a surface gets the perturbations of "normal" at least: they take a millisecond.
 _SMALL = 500
 # Perturbations between two looks at the clock and the keyboard.
@@ -177,7 +181,7 @@ def partition(
     surfaces = [piece.surface for piece in surface.pieces]
     parts = [of_piece(each, None) for each in surfaces]
     if max_charts is not None:
-        bounds = _bounds([part.n_segments for part in parts], max_charts)
+        bounds = share_bound([part.n_segments for part in parts], max_charts)
         parts = [
             part if part.n_segments <= bound else of_piece(part.surface, bound)
             for part, bound in zip(parts, bounds, strict=True)
@@ -188,20 +192,6 @@ def partition(
                 "at least one chart; a larger bound is met"
             )
     return SceneSegmentation(surface, parts)
-
-
-def _bounds(counts: Sequence[int], most: int) -> Sequence[int]:
-    """Share `most` charts out among pieces that want `counts`, at least one a piece."""
-    wanted = np.array(counts) - 1
-    room = max(most - len(counts), 0)
-    if wanted.sum() <= room:
-        return counts
-    exact = wanted * (room / wanted.sum())
-    given = np.floor(exact).astype(np.int64)
-    rest = np.argsort(given - exact, kind="stable")[: room - int(given.sum())]
-    given[rest] += 1
-    bounds: list[int] = (given + 1).tolist()
-    return bounds
 
 
 def _partition(
@@ -217,12 +207,22 @@ def _partition(
     log = Log([], perf_counter(), progress)
     levels = levels_of(surface)
     cores = [level.surface.one_chart(distortion) for level in levels]
+    perturbations = _perturbations(effort, levels[0].surface)
+    ends: list[tuple[Phase, Ints]] = []
+    given = distortion
     if max_distortion is not None or max_charts is not None:
         distortion = _weight(cores[0], max_distortion, max_charts)
+    if max_charts is not None and distortion < given:
+        # Charts of the weight as given, merged down: less weight may jump far past the bound.
+        for core in cores:
+            core.set_distortion(given)
+        bound = max_charts, given
+        last = _charts(cores, levels, perturbations, seed, log, bound)
+        ends.append((last, cores[-1].labels()))
     for _ in range(_ATTEMPTS):
         for core in cores:
             core.set_distortion(distortion)
-        last = _charts(cores, levels, _perturbations(effort, levels[0].surface), seed, log)
+        last = _charts(cores, levels, perturbations, seed, log)
         if max_charts is not None and last.n_charts > max_charts:
             distortion *= 0.5
         elif (
@@ -234,9 +234,18 @@ def _partition(
             distortion *= 1.1 * (last.distortion / max_distortion**2) ** 1.25
         else:
             break
-    _warn(last, max_distortion, max_charts)
-    labels = _by_area(cores[-1].labels(), surface)
-    return Partition(surface, labels, diagnostics=tuple(log.phases))
+    ends.append((last, cores[-1].labels()))
+
+    def rating(end: tuple[Phase, Ints]) -> tuple[int, int, float]:
+        of, _ = end
+        above = 0 if max_charts is None else max(of.n_charts - max_charts, 0)
+        return above, of.n_overlapping, of.seam + of.cuts + given * of.distortion
+
+    last, labels = min(ends, key=rating)
+    if len(ends) > 1:
+        log.close(last)
+    warn_of_bounds(last, max_distortion, max_charts)
+    return Partition(surface, _by_area(labels, surface), diagnostics=tuple(log.phases))
 
 
 def _charts(
@@ -245,12 +254,18 @@ def _charts(
     perturbations: int,
     seed: int,
     log: Log,
+    bound: tuple[int, float] | None = None,
 ) -> Phase:
-    """Find charts on the coarsest surface and carry them to the finest."""
+    """Find charts on the coarsest surface and carry them to the finest.
+
+    With a bound, a number of charts and the weight, they are merged down to it between.
+    """
     # What was forbidden at the end of the last attempt.
     for core in cores:
         core.allow_overlap()
     _search(cores[0], levels[0].surface, perturbations, seed, log)
+    if bound is not None:
+        _merge_down(cores[0], levels[0].surface, *bound, log)
     surface = levels[-1].surface
     for k in range(1, len(levels)):
         labels = cores[k - 1].labels()[levels[k].parents]
@@ -279,7 +294,9 @@ def _carry(core: _core.Partition, levels: Sequence[Level], labels: Ints, log: Lo
 
 
 def _perturbations(effort: Effort, surface: Surface) -> int:
-    count = _PERTURBATIONS[effort]
+    # Each of them takes long on a surface of many handles and borders.
+    holes = 2 - surface.euler_characteristic
+    count = max(1, int(_PERTURBATIONS[effort] * min(1.0, _HOLES / max(holes, 1))))
     return max(count, _PERTURBATIONS["normal"]) if surface.n_faces <= _SMALL else count
 
 
@@ -296,6 +313,16 @@ def _search(
         core.perturb(seed, first, min(first + _BATCH, perturbations))
         log.note("perturb", surface, core)
     log.close(_descend(core, surface, "perturb", log))
+
+
+def _merge_down(
+    core: _core.Partition, surface: Surface, most: int, distortion: float, log: Log
+) -> None:
+    """Merge the best pairs of charts, although the energy rises, until there are no more."""
+    charts = Segmentation(surface, core.labels())
+    if charts.n_segments > most:
+        core.set_labels(charts.merge_tree(distortion).at(most).labels, _REACH)
+        log.close(_descend(core, surface, "merge", log))
 
 
 def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: Log) -> None:
@@ -360,18 +387,6 @@ def _weight(core: _core.Partition, max_distortion: float | None, max_charts: int
             enough = max_distortion is not None and distortion < max_distortion**2
         low, high = (low, middle) if enough else (middle, high)
     return float(np.exp(low if max_charts is not None else high))
-
-
-def _warn(last: Phase, max_distortion: float | None, max_charts: int | None) -> None:
-    if max_charts is not None and last.n_charts > max_charts:
-        warn(f"max_charts: {max_charts} is exceeded, there are {last.n_charts} charts")
-    if max_distortion is not None and last.distortion > max_distortion**2:
-        warn(
-            f"max_distortion: {max_distortion:g} is exceeded, the root mean square log scale is "
-            f"{last.distortion**0.5:.3g}"
-        )
-    if last.n_overlapping:
-        warn(f"{last.n_overlapping} of {last.n_charts} charts overlap themselves")
 
 
 def _by_area(labels: Ints, surface: Surface) -> Ints:
