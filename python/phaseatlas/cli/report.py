@@ -190,7 +190,7 @@ def say_segmentation(segmentation: Segmentation) -> None:
     parts = segmentation.parts if isinstance(segmentation, SceneSegmentation) else ()
     trees = segmentation.trees if isinstance(segmentation, SceneSegmentation) else ()
     if len(parts) > 1:
-        _say_pieces(segmentation, parts)
+        _say_pieces(segmentation, parts, trees)
     elif trees and trees[0] is not None:
         say_tree(trees[0])
     else:
@@ -212,12 +212,25 @@ def _say_charts(part: Segmentation) -> None:
         )
 
 
-def _say_pieces(segmentation: Segmentation, parts: Sequence[Segmentation]) -> None:
+def _say_pieces(
+    segmentation: Segmentation,
+    parts: Sequence[Segmentation],
+    trees: Sequence[SegmentTree | None],
+) -> None:
     shares = segmentation.areas / segmentation.surface.area
-    say(
+    line = (
         f"pieces {len(parts)}, segments {segmentation.n_segments}, shares of the area "
         f"{100 * shares.min():.2g} to {100 * shares.max():.2g} %"
     )
+    if trees:
+        # Whole segments are given out to the pieces: equal shares are those within each.
+        off = max(
+            float(abs(part.areas * part.n_segments / part.surface.area - 1).max()) for part in parts
+        )
+        line += (
+            f", {100 / len(shares):.2g} % if equal; within a piece at most {100 * off:.2g} % off"
+        )
+    say(line)
 
 
 def say_cut(before: Scene, after: Scene) -> None:
