@@ -13,6 +13,9 @@ import phaseatlas as pa
 import reference
 from phaseatlas import _core, datasets
 from phaseatlas.partitioning import Phase
+from phaseatlas.partitioning.pieces import first_copies
+from phaseatlas.scene.repair import repair
+from phaseatlas.scene.scene import Scene
 
 
 def figures(surface: pa.Surface, labels: np.ndarray, distortion: float = 600.0) -> dict:
@@ -420,3 +423,25 @@ def test_a_true_answer_stops_it() -> None:
 def test_bad_options(keywords: dict, message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
         pa.partition(datasets.icosphere(1), **keywords)
+
+
+def test_copies_of_a_piece_are_cut_once_and_alike() -> None:
+    sphere, other = datasets.icosphere(2), datasets.torus(1.0, 0.4, 16, 8)
+    rng = np.random.default_rng(0)
+    moved = [scale * sphere.vertices + 100 * rng.random(3) for scale in (1.0, 1.0, 1e-3)]
+    # The same vertices in another shape, and another surface.
+    moved.append(moved[0] * (1, 1, 2))
+    surfaces = [pa.Surface(places, sphere.faces) for places in moved] + [other]
+    assert first_copies(surfaces) == [0, 0, 0, 3, 4]
+    vertices = np.concatenate([surface.vertices for surface in surfaces])
+    ends = np.cumsum([0, *(surface.n_vertices for surface in surfaces)])
+    faces = np.concatenate(
+        [surface.faces + end for surface, end in zip(surfaces, ends, strict=False)]
+    )
+    found = pa.partition(Scene([("", repair(vertices, faces))]), effort="fast")
+    labels = [part.labels for part in found.parts]
+    np.testing.assert_array_equal(labels[0], labels[1])
+    np.testing.assert_array_equal(labels[0], labels[2])
+    assert (labels[0] != labels[3]).any()
+    for part, piece in zip(found.parts, found.surface.pieces, strict=True):
+        assert part.surface is piece.surface

@@ -18,13 +18,12 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..arrays import Ints
-from ..quality import warn
 from ..scene.scene import Scene
 from ..segmentation import SceneSegmentation, Segmentation
 from ..surface import Surface
-from .bounds import share_bound, warn_of_bounds
 from .levels import Level, levels_of
-from .phases import Log, Phase
+from .phases import Log, Phase, rating
+from .pieces import first_copies, share_bound, warn_of_bounds
 
 __all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 
@@ -62,6 +61,8 @@ _SWEPT_AGAIN = 400_000
 _REPAIRED = 200_000
 # Rounds of splitting charts that overlap themselves.
 _REPAIRS = 12
+# Energy of a chart, besides its seams and its distortion.
+_A_CHART = 0.1
 # Weights of the distortion between which bounds are met, steps of the bisection, attempts at it.
 _WEIGHTS = (1e-2, 1e6)
 _BISECTIONS = 10
@@ -179,18 +180,19 @@ def partition(
     if not isinstance(surface, Scene):
         return of_piece(surface, max_charts)
     surfaces = [piece.surface for piece in surface.pieces]
-    parts = [of_piece(each, None) for each in surfaces]
+    parts: list[Partition] = []
+    for each, first in zip(surfaces, first_copies(surfaces), strict=True):
+        if first == len(parts):
+            parts.append(of_piece(each, None))
+        else:
+            copied = parts[first]
+            parts.append(Partition(each, copied.labels, diagnostics=copied.diagnostics))
     if max_charts is not None:
         bounds = share_bound([part.n_segments for part in parts], max_charts)
         parts = [
             part if part.n_segments <= bound else of_piece(part.surface, bound)
             for part, bound in zip(parts, bounds, strict=True)
         ]
-        if len(parts) > max_charts:
-            warn(
-                f"max_charts: {max_charts} is exceeded, there are {len(parts)} pieces and each has "
-                "at least one chart; a larger bound is met"
-            )
     return SceneSegmentation(surface, parts)
 
 
@@ -236,12 +238,7 @@ def _partition(
             break
     ends.append((last, cores[-1].labels()))
 
-    def rating(end: tuple[Phase, Ints]) -> tuple[int, int, float]:
-        of, _ = end
-        above = 0 if max_charts is None else max(of.n_charts - max_charts, 0)
-        return above, of.n_overlapping, of.seam + of.cuts + given * of.distortion
-
-    last, labels = min(ends, key=rating)
+    last, labels = min(ends, key=lambda end: rating(end[0], max_charts, given))
     if len(ends) > 1:
         log.close(last)
     warn_of_bounds(last, max_distortion, max_charts)
@@ -308,7 +305,11 @@ def _search(
     log.close(log.note("cells", surface, core))
     core.merge()
     log.close(log.note("merge", surface, core))
-    log.close(_descend(core, surface, "relax", log))
+    rest = _descend(core, surface, "relax", log)
+    log.close(rest)
+    # A second chart alone costs more than a disk of this energy.
+    if rest.n_charts == 1 and rest.cuts == 0 and rest.energy <= 2 * _A_CHART:
+        return
     for first in range(0, perturbations, _BATCH):
         core.perturb(seed, first, min(first + _BATCH, perturbations))
         log.note("perturb", surface, core)

@@ -10,7 +10,7 @@ from .. import _core
 from ..segmentation import StoppedError
 from ..surface import Surface
 
-__all__ = ["Log", "Phase"]
+__all__ = ["Log", "Phase", "rating"]
 
 
 @dataclass(frozen=True)
@@ -77,3 +77,9 @@ class Log:
 
     def close(self, phase: Phase) -> None:
         self.phases.append(phase)
+
+
+def rating(end: Phase, max_charts: int | None, weight: float) -> tuple[int, int, float]:
+    """How good an end is, what counts most first: the bound, overlaps, energy at one weight."""
+    above = 0 if max_charts is None else max(end.n_charts - max_charts, 0)
+    return above, end.n_overlapping, end.seam + end.cuts + weight * end.distortion
