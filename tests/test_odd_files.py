@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from gltf_samples import Builder, glb, parse
 from phaseatlas.file_atlas import AtlasOptions, atlas_file
 from phaseatlas.scene.document import read_document
 from phaseatlas.scene.ply_elements import read_elements
@@ -108,6 +109,20 @@ def test_a_vertex_that_no_face_uses_may_be_anything(tmp_path, word) -> None:
     assert text.startswith(f"v 0 0 {word}\n")
     for suffix in (".glb", ".obj"):
         made(tmp_path, "a.obj", f"{TETRAHEDRON}v 0 0 {word}\nf 1 2 3\nf 1 2 4\n", suffix)
+
+
+def test_a_vertex_that_nothing_uses_in_a_glb(tmp_path) -> None:
+    box = trimesh.creation.box()
+    build = Builder()
+    places = np.concatenate([box.vertices, [[np.nan] * 3]]).astype(np.float32)
+    position = build.add(places, min=[-0.5] * 3, max=[0.5] * 3)
+    indices = build.add(box.faces.reshape(-1).astype(np.uint16))
+    primitive = {"attributes": {"POSITION": position}, "indices": indices}
+    document = build.document(meshes=[{"primitives": [primitive]}], nodes=[{"mesh": 0}])
+    output = made(tmp_path, "a.glb", glb(document, build.blob))
+    document, _ = parse(output.read_bytes())
+    position = document["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    assert document["accessors"][position]["min"] == [-0.5] * 3
 
 
 def test_a_vertex_of_a_face_is_a_place(tmp_path) -> None:

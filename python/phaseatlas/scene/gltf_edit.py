@@ -286,8 +286,10 @@ def _accessor(gltf: Gltf, accessor: int, values: Rows) -> NewAccessor:
         for key, value in old.items()
         if key not in ("bufferView", "byteOffset", "sparse", "count", "min", "max")
     }
-    if "min" in old or "max" in old:
-        entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+    # A vertex that no face uses may be anything, but JSON has no word for it.
+    known = values[np.isfinite(values).all(axis=1)]
+    if ("min" in old or "max" in old) and len(known):
+        entry |= {"min": known.min(axis=0).tolist(), "max": known.max(axis=0).tolist()}
     return NewAccessor(entry, values, "vertices")
 
 

@@ -89,12 +89,7 @@ fn ends(line: &[u8]) -> impl Iterator<Item = (bool, &[u8])> {
     })
 }
 
-fn element(
-    polygons: &mut Polygons,
-    tokens: &[&[u8]],
-    line: usize,
-    open: &mut Open,
-) -> Result<()> {
+fn element(polygons: &mut Polygons, tokens: &[&[u8]], line: usize, open: &mut Open) -> Result<()> {
     match tokens {
         [b"v", rest @ ..] => {
             let mut position = [0.0; 3];
