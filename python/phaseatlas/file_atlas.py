@@ -26,7 +26,7 @@ from .reopened import Reopened, reopen
 from .scene.check import check_layout
 from .scene.cut import cut_document
 from .scene.describe import defects
-from .scene.document import read_document, suffixes_for, write_contents
+from .scene.document import check_suffix, read_document, write_contents
 from .scene.mesh import Contents
 from .scene.rebake import has_textures, rebake
 from .scene.scene import NoAreaError, Scene, no_places, scene_file, scene_in
@@ -317,9 +317,7 @@ def atlas_file(
     """
     source, output = Path(source), Path(output)
     options = AtlasOptions() if options is None else options
-    kind, allowed = source.suffix.lower(), suffixes_for(source)
-    if output.suffix.lower() not in allowed:
-        raise ValueError(f"output: {output} must end in {' or '.join(allowed)} for {kind} files")
+    check_suffix(source, output, ".npz", _PAGE)
     start = time.perf_counter()
     with _heard() as said:
         made = _made(source, output, options, progress)

@@ -24,7 +24,7 @@ from .ply import read_ply
 from .sources import CutSource, GltfSource, LooseSource, Source, as_ply
 from .stl import read_stl
 
-__all__ = ["Document", "read_document", "suffixes_for", "write_contents"]
+__all__ = ["Document", "check_suffix", "read_document", "suffixes_for", "write_contents"]
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 
@@ -207,6 +207,17 @@ def suffixes_for(source: Path) -> tuple[str, ...]:
     """Suffixes of the files that a file of this name can be written as."""
     loose = source.suffix.lower() in (".ply", ".stl", ".off")
     return (".glb", ".gltf", ".obj", *([".ply"] if loose else []))
+
+
+def check_suffix(source: Path, output: Path, *others: str) -> None:
+    """Refuse an output that a file of meshes cannot be written as, and that is none of the others.
+
+    What a saved file (`.npz`) can be written as is known once it is read.
+    """
+    kind = source.suffix.lower()
+    allowed = (*suffixes_for(source), *([".ply"] if kind == ".npz" else []), *others)
+    if output.suffix.lower() not in allowed:
+        raise ValueError(f"output: {output} must end in {' or '.join(allowed)} for {kind} files")
 
 
 def _only_set(uv_set: int | None, last: int) -> None:
