@@ -236,9 +236,20 @@ mod tests {
                 "line 4: coordinate 1 of a vertex, \"1.#QNAN\", is no number",
             ),
         ] {
-            let text = format!("{triangle}{line}\nf 1 2 3\n");
+            let last = if line.starts_with('v') { 4 } else { 3 };
+            let text = format!("{triangle}{line}\nf 1 2 {last}\n");
             assert_eq!(refusal(text.as_bytes()), reason);
         }
-        assert!(refusal(b"v \xff\xfe 0 0").starts_with("line 1: coordinate 0"));
+        assert!(refusal(b"v \xff\xfe 0 0\nf 1 1 1").starts_with("line 1: coordinate 0"));
+    }
+
+    #[test]
+    fn what_no_polygon_uses_need_not_be_a_place() {
+        let text = b"v x 0 0\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 2\nf 2 3 4\n";
+        let polygons = parse(text).expect("legal");
+        assert_eq!(polygons.positions.len(), 5);
+        assert!(polygons.positions[0].iter().all(|x| x.is_nan()));
+        assert_eq!(polygons.positions[2], [1.0, 0.0, 0.0]);
+        assert!(polygons.positions[4].iter().all(|x| x.is_nan()));
     }
 }

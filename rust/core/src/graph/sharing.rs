@@ -733,3 +733,211 @@ impl<'a> Search<'a> {
         false
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// A connected graph with random areas, costs and covered areas, in rows.
+    struct Case {
+        links: Vec<Vec<(usize, f64)>>,
+        areas: Vec<f64>,
+        covered: Vec<Vec<f64>>,
+        shares: Vec<f64>,
+        splits: Vec<[usize; 3]>,
+    }
+
+    impl Case {
+        fn random(seed: u64, n: usize, n_leaves: usize, even: bool) -> Self {
+            let mut random = Random::new(seed, 0);
+            let mut links = vec![Vec::new(); n];
+            let mut link = |a: usize, b: usize, cost: f64| {
+                if a != b && links[a].iter().all(|&(other, _)| other != b) {
+                    links[a].push((b, cost));
+                    links[b].push((a, cost));
+                }
+            };
+            for u in 1..n {
+                link(u, random.below(u), random.unit() + 0.1);
+            }
+            for _ in 0..n {
+                link(random.below(n), random.below(n), random.unit() + 0.1);
+            }
+            let areas: Vec<f64> = (0..n)
+                .map(|_| if even { 1.0 } else { random.unit() + 0.2 })
+                .collect();
+            let covered = areas
+                .iter()
+                .map(|area| {
+                    let parts: Vec<f64> = (0..n_leaves).map(|_| random.unit()).collect();
+                    let sum: f64 = parts.iter().sum();
+                    parts.iter().map(|part| area * part / sum).collect()
+                })
+                .collect();
+            let total: f64 = areas.iter().sum();
+            let shares = vec![total / n_leaves as f64; n_leaves];
+            let mut splits = Vec::new();
+            let mut runs = vec![(0, n_leaves)];
+            while let Some((start, end)) = runs.pop() {
+                if end - start > 1 {
+                    let middle = start + (end - start).div_ceil(2);
+                    splits.push([start, middle, end]);
+                    runs.extend([(start, middle), (middle, end)]);
+                }
+            }
+            Self {
+                links,
+                areas,
+                covered,
+                shares,
+                splits,
+            }
+        }
+
+        fn shared_out(&self) -> Vec<u32> {
+            let (mut starts, mut neighbours, mut costs) = (vec![0], Vec::new(), Vec::new());
+            for row in &self.links {
+                neighbours.extend(row.iter().map(|&(v, _)| v as i64));
+                costs.extend(row.iter().map(|&(_, cost)| cost));
+                starts.push(neighbours.len() as i64);
+            }
+            let n_leaves = self.shares.len();
+            let rows = self.areas.len();
+            let units = Units {
+                starts: &starts,
+                neighbours: &neighbours,
+                costs: &costs,
+                areas: &self.areas,
+            };
+            let coverage = Coverage {
+                starts: &(0..=rows)
+                    .map(|u| (u * n_leaves) as i64)
+                    .collect::<Vec<_>>(),
+                leaves: &(0..rows * n_leaves)
+                    .map(|k| (k % n_leaves) as i64)
+                    .collect::<Vec<_>>(),
+                areas: &self.covered.concat(),
+            };
+            share_out(&units, &coverage, &self.shares, &self.splits)
+        }
+
+        /// Whether the units of these leaves hang together.
+        fn connects(&self, leaf: &[u32], leaves: std::ops::Range<usize>) -> bool {
+            let inside = |u: usize| leaves.contains(&(leaf[u] as usize));
+            let members: Vec<usize> = (0..leaf.len()).filter(|&u| inside(u)).collect();
+            let mut reached = members[..members.len().min(1)].to_vec();
+            let mut next = 0;
+            while next < reached.len() {
+                for &(v, _) in &self.links[reached[next]] {
+                    if inside(v) && !reached.contains(&v) {
+                        reached.push(v);
+                    }
+                }
+                next += 1;
+            }
+            reached.len() == members.len()
+        }
+
+        /// Whether every node connects and every leaf has a unit.
+        fn is_legal(&self, leaf: &[u32]) -> bool {
+            (0..self.shares.len())
+                .all(|l| leaf.contains(&(l as u32)) && self.connects(leaf, l..l + 1))
+                && self
+                    .splits
+                    .iter()
+                    .all(|&[start, _, end]| self.connects(leaf, start..end))
+        }
+
+        fn merit(&self, leaf: &[u32]) -> Merit {
+            let mut merit = Merit::default();
+            let mut areas = vec![0.0; self.shares.len()];
+            for (u, &l) in leaf.iter().enumerate() {
+                areas[l as usize] += self.areas[u];
+                merit.strange -= self.covered[u][l as usize];
+                for &(v, cost) in &self.links[u] {
+                    if v < u && leaf[v] != l {
+                        merit.seam += cost;
+                    }
+                }
+            }
+            for (area, share) in areas.iter().zip(&self.shares) {
+                merit.uneven += missed(*area, *share);
+            }
+            merit
+        }
+    }
+
+    /// The best of all ways to give the units to the leaves, or none where no way is legal.
+    fn by_brute_force(case: &Case) -> Option<Merit> {
+        let (n, n_leaves) = (case.areas.len(), case.shares.len());
+        let mut best: Option<Merit> = None;
+        for number in 0..n_leaves.pow(n as u32) {
+            let leaf: Vec<u32> = (0..n)
+                .map(|u| (number / n_leaves.pow(u as u32) % n_leaves) as u32)
+                .collect();
+            if case.is_legal(&leaf) {
+                let merit = case.merit(&leaf);
+                if best.is_none_or(|least| merit.better_than(least)) {
+                    best = Some(merit);
+                }
+            }
+        }
+        best
+    }
+
+    #[test]
+    fn few_units_are_shared_out_in_the_best_way_of_all() {
+        let mut legal = 0;
+        for seed in 0..60 {
+            let n_leaves = 2 + seed as usize % 3;
+            let n = n_leaves + seed as usize % 5;
+            let case = Case::random(seed, n, n_leaves, seed % 2 == 0);
+            let leaf = case.shared_out();
+            let Some(best) = by_brute_force(&case) else {
+                continue;
+            };
+            legal += 1;
+            assert!(case.is_legal(&leaf), "seed {seed}: {leaf:?}");
+            let found = case.merit(&leaf);
+            assert!(
+                !best.better_than(found),
+                "seed {seed}: {found:?} instead of {best:?}"
+            );
+        }
+        assert!(legal > 30);
+    }
+
+    #[test]
+    fn many_units_stay_connected_and_no_move_of_one_helps() {
+        for seed in 0..20 {
+            let case = Case::random(seed, 20 + 3 * seed as usize, 2, false);
+            let leaf = case.shared_out();
+            assert!(case.is_legal(&leaf), "seed {seed}");
+            let found = case.merit(&leaf);
+            for u in 0..leaf.len() {
+                let mut moved = leaf.clone();
+                moved[u] = 1 - moved[u];
+                if case.is_legal(&moved) {
+                    assert!(
+                        !case.merit(&moved).better_than(found),
+                        "seed {seed}, unit {u}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn many_leaves_are_connected_and_full() {
+        for seed in 0..20 {
+            let n_leaves = 3 + seed as usize % 6;
+            let case = Case::random(seed, 12 * n_leaves, n_leaves, true);
+            let leaf = case.shared_out();
+            for l in 0..n_leaves {
+                assert!(leaf.contains(&(l as u32)), "seed {seed}, leaf {l}");
+                assert!(case.connects(&leaf, l..l + 1), "seed {seed}, leaf {l}");
+            }
+        }
+    }
+}
