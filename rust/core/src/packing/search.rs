@@ -82,11 +82,12 @@ impl Layout {
 /// The densest layout found whose pieces are `padding` of the side apart.
 pub(super) fn search(pieces: &[Piece], padding: Gap) -> Result<Layout> {
     let cells = CELLS.max((CELLS_PER_PIECE * (pieces.len() as f64).sqrt()).ceil() as usize);
-    let (scale, stock, first) = largest_scale(pieces, cells, padding).ok_or(Error::Parameter {
+    let no_room = || Error::Parameter {
         argument: "padding",
         value: padding.value(),
         expected: "less: it leaves no room for the pieces",
-    })?;
+    };
+    let (scale, stock, first) = largest_scale(pieces, cells, padding).ok_or_else(no_room)?;
     let angles = ANGLES
         .into_iter()
         .find(|&(most, _)| pieces.len() <= most)
