@@ -12,6 +12,7 @@ from phaseatlas.atlas import Atlas
 from phaseatlas.atlas.metrics import flaws
 from phaseatlas.atlas.pages import MAX_SIDE, PackOptions, lay_out, pages_of_subtrees
 from phaseatlas.quality import QualityWarning
+from phaseatlas.scene.document import read_document
 from phaseatlas.scene.repair import as_it_is
 from phaseatlas.scene.scene import Scene
 from phaseatlas.segmentation import SceneSegmentation
@@ -260,3 +261,31 @@ def test_unwrap_gives_tiles():
     np.testing.assert_array_equal(column[:, 0], made.pages)
     assert set(made.pages) == {0, 1}
     assert (column[:, 1] == 0).all()
+
+
+def test_pages_are_saved_and_drawn(squares, tmp_path):
+    surface, labels, charts = squares
+    made = lay_out(charts, surface.n_faces, PackOptions(pages=2, resolution=128))
+    atlas = Atlas(surface, labels, charts, made.uv, made.pages, made.resolution)
+    images = [np.full((128, 128, 3), colour, dtype=np.uint8) for colour in (60, 180)]
+    for name in ("a.obj", "a.glb"):
+        atlas.save(tmp_path / name, image=images)
+        (mesh,) = read_document(tmp_path / name).meshes
+        names = [material.name for material in read_document(tmp_path / name).materials]
+        of = [int(names[k][-4:]) - 1001 for k in mesh.material_of]
+        middles = mesh.positions[mesh.corners].reshape(-1, 3, 3).mean(axis=1)
+        given = surface.vertices[surface.faces].mean(axis=1)
+        nearest = cKDTree(given).query(middles)[1]
+        np.testing.assert_array_equal(of, atlas.face_pages[nearest])
+    with pytest.raises(ValueError, match="image: 1 images must be 2, one a page"):
+        atlas.save(tmp_path / "a.obj", image=images[0])
+    atlas.save(tmp_path / "a.html", image=images)
+    assert (tmp_path / "a.html").stat().st_size > 10_000
+    atlas.save(tmp_path / "a.npz")
+    again = pa.Atlas.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(again.pages, atlas.pages)
+    assert "2 pages" in repr(again)
+    picture = pa.plot.uv_layout(atlas, images, views=0, size=64)
+    assert picture.shape[1] > 2 * 64
+    with pytest.raises(ValueError, match="image: 1 images must be 2, one a page"):
+        pa.plot.uv_layout(atlas, images[:1], views=0, size=64)
