@@ -27,9 +27,9 @@ def sheet():
 @pytest.fixture(scope="module")
 def squares():
     """A sheet of unit squares, each a chart of two faces."""
-    surface = datasets.sheet(4, 3, size=(4.0, 3.0))
+    surface = datasets.sheet(6, 3, size=(6.0, 3.0))
     corner = surface.vertices[surface.faces].mean(axis=1)
-    labels = np.floor(corner[:, 0]).astype(int) + 4 * np.floor(corner[:, 1]).astype(int)
+    labels = np.floor(corner[:, 0]).astype(int) + 6 * np.floor(corner[:, 1]).astype(int)
     return surface, labels, charts_of(surface, labels)
 
 
