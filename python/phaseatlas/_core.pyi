@@ -245,6 +245,8 @@ def pack(
     triangles: NDArray[np.int64],
     piece: NDArray[np.int64],
     padding: float,
+    *,
+    as_length: bool = False,
 ) -> NDArray[np.float64]: ...
 def rasterize(
     uv: NDArray[np.float64], resolution: int

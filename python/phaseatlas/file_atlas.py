@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from ._core import __version__
-from .arrays import Bytes
 from .atlas import Atlas, build_atlas
-from .atlas.bake import check_resolution, load_image
+from .atlas.bake import check_resolution
 from .atlas.drawing import check_drawing
 from .atlas.flatten import FLATTENINGS, Flattening
-from .atlas.packing import check_packing
+from .atlas.pages import PackOptions
+from .file_textures import CHECKER, notes_of, read_texture, textures_of, with_textures
 from .optimise import AreaConstraint, Solver
 from .partitioning import Partition, check_options, partition
 from .partitioning.partition import DISTORTION, Effort
+from .partitioning.symmetry import Axis
 from .quality import QualityWarning
 from .reopened import Reopened, reopen
 from .scene.check import check_layout
@@ -28,7 +29,7 @@ from .scene.cut import cut_document
 from .scene.describe import defects
 from .scene.document import check_suffix, read_document, write_contents
 from .scene.mesh import Contents
-from .scene.rebake import has_textures, rebake
+from .scene.rebake import has_textures
 from .scene.scene import NoAreaError, Scene, no_places, scene_file, scene_in
 from .segmentation import Options, SceneSegmentation
 from .segmentation.options import Initial, Law
@@ -36,12 +37,10 @@ from .segmentation.segment import segment
 
 __all__ = ["CHECKER", "AtlasOptions", "FileAtlas", "atlas_file"]
 
-# What is given as a texture to have the checker of the library.
-CHECKER = "checker"
 _PAGE = ".html"
 # Options of one of the two ways to charts, which mean nothing to the other.
 _OF_THE_TREE = ("connected", "law", "area", "epsilon", "solver", "initial")
-_OF_THE_PARTITION = ("max_distortion", "max_charts", "effort")
+_OF_THE_PARTITION = ("max_distortion", "max_charts", "effort", "symmetry")
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,11 @@ class AtlasOptions:
         Instead of `levels`: areas of the segments in proportion, for a file of one piece.
     distortion : float, optional
         As in `partition`, 600 where it is left out; with `levels` as in `segment`, and 0.
-    max_distortion, max_charts, effort
+    max_distortion, max_charts, effort, symmetry
         As in `partition`; not with `levels` or `shares`.
+    stack : bool, default False
+        Lay the charts of one half over their mirror images; with `symmetry` alone, and not with
+        `cut`.
     connected, law, area, epsilon, solver, initial
         As in `segment`; with `levels` or `shares` alone.
     seed : int, default 0
@@ -75,10 +77,15 @@ class AtlasOptions:
         An image to repeat over the charts, or ``"checker"``. None is made where it is left out.
     rebake : bool, default False
         Bake the file's own textures and colours into pictures of the atlas.
-    resolution : int, default 1024
-        Side of the texture in texels.
+    resolution : int, optional
+        Side of the textures in texels: 1024, or what a density needs.
     padding : int, default 4
-        Least distance of the charts in texels.
+        Least distance of the charts in texels of the last of the mip levels.
+    mips, density, pages
+        As in `build_atlas`.
+    udim : bool, default False
+        Write page k into UDIM tile 1001 + k, and its texture as `name.1001.png` and so on. Without
+        it several pages lie in the unit square, each with materials of its own.
     charts : str or PathLike, optional
         A `.glb` file for the overlapping charts, as `Atlas.save_charts` writes it.
     outlines : str or PathLike, optional
@@ -111,11 +118,17 @@ class AtlasOptions:
     uv_set: int | None = None
     texture: str | PathLike[str] | None = None
     rebake: bool = False
-    resolution: int = 1024
+    resolution: int | None = None
     padding: int = 4
     charts: str | PathLike[str] | None = None
     outlines: str | PathLike[str] | None = None
     unit: str | None = None
+    mips: int = 0
+    density: float | None = None
+    pages: int = 1
+    udim: bool = False
+    symmetry: Axis | None = None
+    stack: bool = False
 
     def __post_init__(self) -> None:
         defaults = type(self).__dataclass_fields__
@@ -138,8 +151,14 @@ class AtlasOptions:
             raise ValueError("rebake: value must not be given with texture")
         if self.flatten not in (None, *FLATTENINGS):
             raise ValueError(f"flatten: {self.flatten!r} must be one of {FLATTENINGS}")
-        check_resolution(self.resolution)
-        check_packing(self.padding, self.resolution)
+        if self.stack and self.symmetry is None:
+            raise ValueError("stack: value must be given with symmetry alone")
+        if self.stack and self.cut:
+            # Straightened seams are not symmetric.
+            raise ValueError("stack: value must not be given with cut")
+        packing = PackOptions(**self.of_packing())
+        if self.density is None:
+            check_resolution(packing.side)
         if self.by_tree:
             Options(**self.of_tree())
         else:
@@ -158,6 +177,7 @@ class AtlasOptions:
             "max_charts": self.max_charts,
             "effort": self.effort,
             "seed": self.seed,
+            "symmetry": self.symmetry,
         }
 
     def of_tree(self) -> dict[str, Any]:
@@ -168,6 +188,11 @@ class AtlasOptions:
             "seed": self.seed,
             **{name: getattr(self, name) for name in _OF_THE_TREE},
         }
+
+    def of_packing(self) -> dict[str, Any]:
+        """Options of `PackOptions`."""
+        names = ("padding", "resolution", "mips", "density", "pages")
+        return {name: getattr(self, name) for name in names}
 
     def given(self) -> dict[str, Any]:
         """Values that are not the defaults, as JSON can hold them."""
@@ -227,6 +252,8 @@ class FileAtlas:
             - ``version``: of the package.
             - ``options``: those that were not left at their defaults.
             - ``pieces``, ``segments``, ``charts``: numbers of connected pieces, segments, charts.
+            - ``pages``, ``resolution``: number of textures and their side in texels; ``density``:
+              texels a unit length of the surface.
             - ``shares``: part of the area of each segment, which sum to 1.
             - ``energy``: of a file of one piece cut into charts by energy, the ``energy``,
               ``seam``, ``cuts`` and ``distortion`` of `partition`; else None.
@@ -245,6 +272,9 @@ class FileAtlas:
             "pieces": 0,
             "segments": 0,
             "charts": 0,
+            "pages": 0,
+            "resolution": 0,
+            "density": 0.0,
             "shares": [],
             "energy": None,
             "metrics": {},
@@ -260,12 +290,15 @@ class FileAtlas:
                 "pieces": len(parts),
                 "segments": self.segmentation.n_segments,
                 "charts": len(self.atlas.charts),
+                "pages": self.atlas.n_pages,
+                "resolution": self.atlas.resolution,
+                "density": self.atlas.density,
                 "shares": (self.segmentation.areas / self.segmentation.surface.area).tolist(),
                 "metrics": self.atlas.metrics(),
                 "flaws": asdict(self.atlas.diagnostics),
                 "defects": {} if self.before is None else defects(self.before.report),
             }
-            if len(parts) == 1 and isinstance(parts[0], Partition):
+            if len(parts) == 1 and isinstance(parts[0], Partition) and parts[0].diagnostics:
                 last = parts[0].diagnostics[-1]
                 names = ("energy", "seam", "cuts", "distortion")
                 found["energy"] = {name: getattr(last, name) for name in names}
@@ -329,7 +362,7 @@ def atlas_file(
 def _made(
     source: Path, output: Path, options: AtlasOptions, progress: Callable[[Any], None] | None
 ) -> FileAtlas:
-    picture = _picture(options.texture)
+    picture = read_texture(options.texture)
     result = FileAtlas(source, output, options, None, None, None)
     found: Reopened | FileAtlas
     if source.suffix.lower() == ".npz":
@@ -352,7 +385,7 @@ def _made(
     scene, atlas = found.scene, _laid_out(found, options, overlap)
     corners = scene.corners(atlas.uv)
     try:
-        check_layout(scene, corners, atlas, even=not options.by_tree)
+        check_layout(scene, corners, atlas, even=not options.by_tree, udim=options.udim)
     except ValueError as error:
         raise ValueError(f"{source}: {output} is not written: {error}") from error
     result = replace(
@@ -362,21 +395,34 @@ def _made(
         atlas.save(output)
         result = replace(result, files=(output,), notes=found.notes)
         return _save_more(result, atlas, scene)
-    image = None if options.texture is None else atlas.bake(picture, resolution=options.resolution)
-    baked = None
-    if options.rebake or (page and image is None and has_textures(found.document)):
-        baked = rebake(found.document, scene, corners, resolution=options.resolution)
     if page:
         from .page import html_of
 
-        image = baked.images["base"] if baked else image
-        text = html_of(atlas, title=source.name, image=image, of=found.segmentation)
-        contents = Contents({output: text.encode()})
-    else:
-        contents = found.document.with_uv(
-            output, corners, image=image, uv_set=options.uv_set, baked=baked
+        images, baked = textures_of(
+            found.document,
+            scene,
+            atlas,
+            texture=options.texture,
+            picture=picture,
+            rebaked=options.rebake or (options.texture is None and has_textures(found.document)),
         )
-    written = _written(result, contents, *found.notes, *(baked.notes if baked else ()))
+        text = html_of(atlas, title=source.name, image=images or None, of=found.segmentation)
+        contents = Contents({output: text.encode()})
+        written = _written(result, contents, *found.notes, *notes_of(baked))
+        return _save_more(written, atlas, scene)
+    contents, notes = with_textures(
+        found.document,
+        scene,
+        atlas,
+        output,
+        texture=options.texture,
+        picture=picture,
+        rebaked=options.rebake,
+        split=options.pages > 1,
+        udim=options.udim,
+        uv_set=options.uv_set,
+    )
+    written = _written(result, contents, *found.notes, *notes)
     return _save_more(written, atlas, scene)
 
 
@@ -393,6 +439,7 @@ def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopen
         words = "no face has an area: all texture coordinates are 0, and no texture is made"
         contents = document.with_uv(result.output, places, uv_set=options.uv_set)
         return _written(result, contents, words)
+    PackOptions(**options.of_packing()).check_area(scene.area)
     if not options.cut:
         scene.file = scene_file(result.source)
     segmentation = (
@@ -427,13 +474,13 @@ def _laid_out(found: Reopened, options: AtlasOptions, overlap: bool) -> Atlas:
         # What is wrong with the layout is said by its check.
         warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
         if found.atlas is not None and options.flatten is None:
-            return found.atlas.packed(padding=options.padding, resolution=options.resolution)
+            return found.atlas.packed(**options.of_packing())
         return build_atlas(
             found.segmentation,
             flatten=options.flatten,
-            padding=options.padding,
-            resolution=options.resolution,
             overlap=overlap,
+            stack=options.symmetry if options.stack else None,
+            **options.of_packing(),
         )
 
 
@@ -442,28 +489,13 @@ def _save_more(result: FileAtlas, atlas: Atlas, scene: Scene) -> FileAtlas:
     options, files = result.options, list(result.files)
     if options.charts is not None:
         files.append(Path(options.charts))
-        atlas.save_charts(files[-1], padding=options.padding, resolution=options.resolution)
+        atlas.save_charts(files[-1], padding=options.padding, resolution=atlas.resolution)
     if options.outlines is not None:
         files.append(Path(options.outlines))
         meshes = result.source if scene.file is None else Path(scene.file.path)
         metres = meshes.suffix.lower() in (".glb", ".gltf")
         atlas.outlines().save(files[-1], unit=options.unit or ("m" if metres else "mm"))
     return replace(result, files=tuple(files))
-
-
-def _picture(texture: str | PathLike[str] | None) -> Bytes | None:
-    """Read the image of a texture; None for the checker and for none."""
-    if texture is None or str(texture) == CHECKER:
-        return None
-    try:
-        return load_image(texture)
-    except MemoryError:
-        raise
-    except Exception as error:
-        # Each format fails in its own way; a file that cannot be opened says so itself.
-        if isinstance(error, OSError) and error.filename is not None:
-            raise
-        raise ValueError(f"{texture}: cannot be read as an image: {error}") from error
 
 
 def _written(result: FileAtlas, contents: Contents, *notes: str) -> FileAtlas:

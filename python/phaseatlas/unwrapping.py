@@ -12,8 +12,10 @@ from .arrays import Floats, Ints
 from .atlas import Atlas, build_atlas
 from .atlas.flatten import Flattening
 from .atlas.metrics import Flaws
+from .atlas.pages import PackOptions
 from .notebook import Pictured
 from .partitioning.partition import DISTORTION, Effort, partition
+from .partitioning.symmetry import Axis
 from .scene.repair import RepairReport, repair
 from .scene.scene import Scene, polygons_of
 from .segmentation import Segmentation, SegmentTree, segment
@@ -55,7 +57,7 @@ class Unwrapped(Pictured):
     corners : array
         Texture coordinates in [0, 1], v up, at every corner in the order of the input: (p, k, 2)
         for faces (p, k), else (c, 2), one polygon after the other. For a scene, the meshes follow
-        each other.
+        each other. With `udim` they are in [0, 1] beside the corner of the tile.
     charts : (p,) array of int
         Chart of each polygon, -1 for one without any area in a mesh without any face.
     report : UnwrapReport
@@ -67,6 +69,12 @@ class Unwrapped(Pictured):
     charts: Ints
     report: UnwrapReport
     atlas: Atlas
+
+    @property
+    def pages(self) -> Ints:
+        """Page of each polygon, (p,)."""
+        pages: Ints = np.where(self.charts < 0, 0, self.atlas.pages[self.charts])
+        return pages
 
     def __repr__(self) -> str:
         corners, report = self.corners.size // 2, self.report
@@ -87,8 +95,14 @@ def unwrap(
     seed: int = 0,
     flatten: Flattening | None = None,
     padding: int = 4,
-    resolution: int = 1024,
+    resolution: int | None = None,
     weld: float = 0.0,
+    mips: int = 0,
+    density: float | None = None,
+    pages: int = 1,
+    udim: bool = False,
+    symmetry: Axis | None = None,
+    stack: bool = False,
 ) -> Unwrapped:
     """Give every corner of any triangles or polygons its place in a texture.
 
@@ -104,12 +118,16 @@ def unwrap(
     levels : int, optional
         Cut into the 2^levels segments of equal area of `segment`; without it into the charts of
         least energy of `partition`.
-    distortion, max_distortion, max_charts, effort, seed
+    distortion, max_distortion, max_charts, effort, seed, symmetry
         As in `partition`, and with `levels`, `distortion` and `seed` as in `segment`.
-    flatten, padding, resolution
+    flatten, padding, resolution, mips, density, pages
         As in `build_atlas`.
     weld : float, default 0
         Join vertices nearer than this, too, in the units of the vertices.
+    udim : bool, default False
+        Put the corners of page k into UDIM tile 1001 + k, and not all into [0, 1].
+    stack : bool, default False
+        Lay the charts of one half over their mirror images; with `symmetry` alone.
 
     Returns
     -------
@@ -132,8 +150,12 @@ def unwrap(
         if sizes.size and (isinstance(faces, np.ndarray) or (sizes == sizes[0]).all()):
             shape = (len(sizes), int(sizes[0]), 2)
         surface = Scene([("", repair(vertices, corners, sizes, weld=weld))])
+    if stack and symmetry is None:
+        raise ValueError("stack: value must be given with symmetry alone")
+    PackOptions(padding, resolution, mips, density, pages).check_area(surface.area)
     if levels is not None:
-        for name, value in (("max_distortion", max_distortion), ("max_charts", max_charts)):
+        given = {"max_distortion": max_distortion, "max_charts": max_charts, "symmetry": symmetry}
+        for name, value in given.items():
             if value is not None:
                 raise ValueError(f"{name}: value must be left out with levels")
         weight = 0.0 if distortion is None else distortion
@@ -146,12 +168,22 @@ def unwrap(
             max_charts=max_charts,
             effort=effort,
             seed=seed,
+            symmetry=symmetry,
         )
-    atlas = build_atlas(charted, flatten=flatten, padding=padding, resolution=resolution)
-    return unwrapped(atlas, shape)
+    atlas = build_atlas(
+        charted,
+        flatten=flatten,
+        padding=padding,
+        resolution=resolution,
+        mips=mips,
+        density=density,
+        pages=pages,
+        stack=symmetry if stack else None,
+    )
+    return unwrapped(atlas, shape, udim=udim)
 
 
-def unwrapped(atlas: Atlas, shape: tuple[int, ...] = (-1, 2)) -> Unwrapped:
+def unwrapped(atlas: Atlas, shape: tuple[int, ...] = (-1, 2), *, udim: bool = False) -> Unwrapped:
     """Carry the layout of an atlas back to the corners of what its surface was made of.
 
     Parameters
@@ -159,17 +191,20 @@ def unwrapped(atlas: Atlas, shape: tuple[int, ...] = (-1, 2)) -> Unwrapped:
     atlas : Atlas
     shape : tuple of int, optional
         Of the corners of the result.
+    udim : bool, default False
+        As in `unwrap`.
     """
     surface = atlas.surface
+    uv = atlas.udim if udim else atlas.uv
     chart = np.empty(surface.n_faces, dtype=np.int64)
     for k, each in enumerate(atlas.charts):
         chart[each.faces[each.labelled]] = k
     if isinstance(surface, Scene):
-        corners = np.concatenate(surface.corners(atlas.uv)).reshape(shape)
+        corners = np.concatenate(surface.corners(uv)).reshape(shape)
         charts = np.concatenate(surface.polygon_values(chart))
         repairs = tuple(mesh.repaired.report for mesh in surface.meshes)
         pieces = len(surface.pieces)
     else:
-        corners, charts, repairs, pieces = atlas.uv, chart, (), 1
+        corners, charts, repairs, pieces = uv, chart, (), 1
     report = UnwrapReport(repairs, pieces, len(atlas.charts), atlas.metrics(), atlas.diagnostics)
     return Unwrapped(corners, charts, report, atlas)

@@ -13,31 +13,29 @@ import numpy as np
 
 from .. import quality
 from ..arrays import Bytes, Floats, Ints
-from ..files import write_bytes, write_files
+from ..files import write_files
 from ..partitioning import Partition
-from ..scene.gltf import glb, ruin_of_single_precision, translation
-from ..scene.obj import obj
+from ..partitioning.symmetry import Axis
+from ..scene.gltf import ruin_of_single_precision, translation
+from ..scene.surface_files import surface_files
 from ..segmentation import SceneSegmentation, Segmentation, SegmentTree
 from ..threads import n_threads
 from .bake import Texture, bake, blend_vertices, checker
 from .charts import Chart, Layout
-from .domains import blending_weights, domains, piece_domain, pieces, sharp_weights, split
-from .flatten import FLATTENINGS, Flattening, Map, chart, flatten, spread
+from .domains import blending_weights, piece_domain, pieces, sharp_weights, split
+from .flatten import FLATTENINGS, Flattening, Map, chart, flatten
 from .metrics import CURE, Flaws, atlas_metrics, flaws
 from .outlines import Outlines, outlines
 from .overlap import save_charts
-from .packing import check_packing, pack
+from .pages import PackOptions, lay_out, pages_of_subtrees
+from .pairs import corners_of_pairs
 from .saved import load_layout, save_layout
+from .widest import widest
 
 __all__ = ["Atlas", "build_atlas"]
 
 # Thresholds of narrower domains; the last leaves about the labelled faces.
 _NARROWER = (0.1, 0.25, 0.5)
-# Squared deviation of the log scale, over the surface, below which no narrower domain is sought,
-# and the ratio to the best one that a wider one may have beyond it. The boundary-first charts of
-# the partitions of eight meshes have .002 to .013 in all (docs/decisions/isometric.md).
-_FREE_SPREAD = 1e-3
-_WIDENING = 1.25
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,23 +45,35 @@ class Atlas(Layout):
     @cached_property
     def diagnostics(self) -> Flaws:
         """What makes the layout worse than asked for; see `metrics.Flaws`."""
-        return flaws(self.surface, self.uv)
+        uv, pages = self.apart
+        found = flaws(self.surface, uv, pages=pages)
+        return replace(found, stacked=int(np.count_nonzero(self.stacked)))
 
-    def packed(self, *, padding: int = 4, resolution: int = 1024) -> Atlas:
+    def packed(
+        self,
+        *,
+        padding: int = 4,
+        resolution: int | None = None,
+        mips: int = 0,
+        density: float | None = None,
+        pages: int = 1,
+    ) -> Atlas:
         """Return the same charts in another packing; nothing is flattened again.
 
         Parameters
         ----------
-        padding, resolution
-            As in `build_atlas`.
+        padding, resolution, mips, density, pages
+            As in `build_atlas`. Charts keep their pages where as many are asked for as there are.
 
         Raises
         ------
         ValueError
-            For a padding or resolution that cannot be used.
+            For values that cannot be used.
         """
-        uv = pack(self.charts, self.surface.n_faces, padding=padding, resolution=resolution)
-        return replace(self, uv=uv)
+        options = PackOptions(padding, resolution, mips, density, pages)
+        kept = self.pages if pages == self.n_pages else None
+        made = lay_out(self.charts, self.surface.n_faces, options, kept, self.stack)
+        return replace(self, uv=made.uv, pages=made.pages, resolution=made.resolution)
 
     def metrics(self) -> dict[str, float]:
         """Charts, seam, distortion, flips, overlap and packing; see `metrics.atlas_metrics`."""
@@ -71,10 +81,16 @@ class Atlas(Layout):
 
     @cached_property
     def _metrics(self) -> dict[str, float]:
-        return atlas_metrics(self.surface, self.uv, flaws=self.diagnostics)
+        uv, pages = self.apart
+        return atlas_metrics(self.surface, uv, flaws=self.diagnostics, pages=pages)
 
     def bake(
-        self, texture: Texture | None = None, *, resolution: int = 1024, blend: bool = True
+        self,
+        texture: Texture | None = None,
+        *,
+        resolution: int | None = None,
+        blend: bool = True,
+        page: int | None = None,
     ) -> Bytes:
         """Bake a texture, repeated over the charts' planes, into the packed layout.
 
@@ -82,17 +98,28 @@ class Atlas(Layout):
         ----------
         texture : (h, w, c) array or callable, optional
             What covers the plane; a checker by default.
-        resolution : int, default 1024
-            Side of the baked image in texels.
+        resolution : int, optional
+            Side of the baked image in texels; by default that of the layout.
         blend : bool, default True
             Blend the overlapping charts by their weights, or take the labelled chart alone.
+        page : int, optional
+            Which page to bake, where there are several.
 
         Returns
         -------
         (resolution, resolution, 3) array of uint8, first row on top
+
+        Raises
+        ------
+        ValueError
+            Without a page, where there are several.
         """
         return bake(
-            self, checker() if texture is None else texture, resolution=resolution, blend=blend
+            self,
+            checker() if texture is None else texture,
+            resolution=self.resolution if resolution is None else resolution,
+            blend=blend,
+            page=page,
         )
 
     def vertex_colors(self, texture: Texture | None = None) -> Floats:
@@ -104,8 +131,8 @@ class Atlas(Layout):
         path: str | PathLike[str],
         *,
         texture: Texture | None = None,
-        resolution: int = 1024,
-        image: Bytes | None = None,
+        resolution: int | None = None,
+        image: Bytes | Sequence[Bytes] | None = None,
     ) -> None:
         """Write the surface with its texture coordinates and a baked texture.
 
@@ -114,18 +141,19 @@ class Atlas(Layout):
         path : str or PathLike
             A `.glb` file, an `.obj` file beside which a `.mtl` and a `.png` are written, or an
             `.html` page that shows the atlas. An `.npz` file has no texture, but the charts, which
-            `load` reads: vertices, faces, labels, uv, the fields of `Chart` with the prefix chart_,
-            one chart after the other, chart_n_faces and chart_n_vertices of each, and format, 3; of
-            a scene what leads back to its file. Files are written whole or not at all.
+            `load` reads: vertices, faces, labels, uv, pages, resolution, stack, the fields of
+            `Chart` with the prefix chart_, one chart after the other, chart_n_faces and
+            chart_n_vertices of each, and format, 3; of a scene what leads back to its file. Several
+            pages have a material each. Files are written whole or not at all.
         texture, resolution
             As in `bake`.
-        image : (r, r, 3) array of uint8, optional
-            What `bake` returned, to write it instead of baking again.
+        image : (r, r, 3) array of uint8, or a sequence of them, optional
+            What `bake` returned, to write it instead of baking again; one for each page.
 
         Raises
         ------
         ValueError
-            For another suffix.
+            For another suffix, and another number of images than of pages.
         """
         path = Path(path)
         suffix = path.suffix.lower()
@@ -136,27 +164,22 @@ class Atlas(Layout):
             allowed = ".glb, .obj, .npz or .html"
             raise ValueError(f"path: suffix {path.suffix!r} of {path} must be {allowed}")
         if image is None:
-            image = self.bake(texture, resolution=resolution)
+            pages = range(self.n_pages)
+            images = [self.bake(texture, resolution=resolution, page=page) for page in pages]
+        else:
+            images = [image] if isinstance(image, np.ndarray) else list(image)
+        if len(images) != self.n_pages:
+            raise ValueError(f"image: {len(images)} images must be {self.n_pages}, one a page")
         if suffix == ".html":
             from ..page import write_page
 
-            write_page(self, path, image=image)
+            write_page(self, path, image=images)
             return
-        # A vertex on a seam stands once a side, with the normal of the whole surface.
-        corners = np.column_stack(
-            [self.surface.faces.reshape(-1).astype(np.float64), self.uv.reshape(-1, 2)]
-        )
-        unique, inverse = np.unique(corners, axis=0, return_inverse=True)
-        origin, uv = unique[:, 0].astype(np.int64), unique[:, 1:]
-        faces = inverse.reshape(-1, 3)
-        vertices, normals = self.surface.vertices[origin], self.surface.vertex_normals[origin]
         if suffix == ".glb":
             welded = self.surface.vertices
             if ruin := ruin_of_single_precision(welded - translation(welded)):
                 quality.warn(f"{path}: {ruin}; an .obj file holds them")
-            write_bytes(path, glb(path.stem, vertices, faces, normals, uv, image))
-        else:
-            write_files(obj(path, vertices, faces, normals, uv, image))
+        write_files(surface_files(path, self.surface, self.uv, self.face_pages, images))
 
     @staticmethod
     def load(path: str | PathLike[str]) -> Atlas:
@@ -188,8 +211,12 @@ def build_atlas(
     flatten: Flattening | None = None,
     threshold: float | None = None,
     padding: int = 4,
-    resolution: int = 1024,
+    resolution: int | None = None,
     overlap: bool = True,
+    mips: int = 0,
+    density: float | None = None,
+    pages: int = 1,
+    stack: Axis | None = None,
 ) -> Atlas:
     """Flatten the overlapping domains of the leaves and pack their sharp parts.
 
@@ -221,13 +248,26 @@ def build_atlas(
         choice, the domains are larger and often rings: a field fades to 0 where its parent does,
         so that siblings share a faint seam all around their parent.
     padding : int, default 4
-        Least distance of the packed charts, in texels.
-    resolution : int, default 1024
-        Side in texels of the texture that the padding refers to.
+        Least distance of the packed charts, in texels of the last of the mip levels.
+    resolution : int, optional
+        Side in texels of the textures: 1024 by default, and with a density what that needs.
     overlap : bool, default True
         Whether isometric charts get faces of their neighbours attached, for textures that blend.
         Where none is baked that is time lost, and the layout is the same without. Other maps are
         those of overlapping domains.
+    mips : int, default 0
+        Mip levels that keep charts apart: no texel of a level up to this one is touched by two
+        charts, and at full size they are `padding` times 2^mips texels apart.
+    density : float, optional
+        Texels a unit length of the surface. The resolution follows: the least multiple of 4, and of
+        2^mips, with room for the charts. It is at most 16384.
+    pages : int, default 1
+        Textures that share the charts, at one scale. The subtrees of a tree with as many on one
+        level, of equal area, fill a page each; other charts are shared out as evenly as they fit.
+    stack : {"x", "y", "z"}, optional
+        Lay charts over those that they are the mirror images of, across the plane of this axis, as
+        those of a partition with that `symmetry` are: both share the same texels, the second turned
+        over.
 
     Returns
     -------
@@ -236,7 +276,8 @@ def build_atlas(
     Raises
     ------
     ValueError
-        For an unknown `flatten`, or a `threshold` outside [0, 1 / number of segments).
+        For an unknown `flatten`, a `threshold` outside [0, 1 / number of segments), and values that
+        `PackOptions` refuses.
 
     Warns
     -----
@@ -247,7 +288,8 @@ def build_atlas(
     segmentation = tree.at(tree.levels) if isinstance(tree, SegmentTree) else tree
     if flatten not in (None, *FLATTENINGS):
         raise ValueError(f"flatten: {flatten!r} must be one of {FLATTENINGS}")
-    check_packing(padding, resolution)
+    options = PackOptions(padding, resolution, mips, density, pages)
+    options.check_area(segmentation.surface.area)
     count = segmentation.n_segments
     if threshold is not None and not 0 <= threshold < 1 / count:
         raise ValueError(f"threshold: {threshold} must be in [0, 1 / {count})")
@@ -257,8 +299,19 @@ def build_atlas(
             f"charts: {n_split} had to be split, as their maps turned faces over or covered points "
             f"twice; {CURE}"
         )
-    uv = pack(charts, segmentation.surface.n_faces, padding=padding, resolution=resolution)
-    atlas = Atlas(segmentation.surface, segmentation.labels, charts, uv)
+    subtrees = None if pages == 1 else pages_of_subtrees(tree, charts, pages)
+    surface = segmentation.surface
+    corners = None if stack is None else corners_of_pairs(surface, charts, stack)
+    made = lay_out(charts, surface.n_faces, options, subtrees, corners)
+    atlas = Atlas(
+        surface,
+        segmentation.labels,
+        charts,
+        made.uv,
+        made.pages,
+        made.resolution,
+        **({} if corners is None else {"stack": corners}),
+    )
     for flaw in atlas.diagnostics.sentences():
         quality.warn(flaw)
     return atlas
@@ -335,7 +388,7 @@ def _maps(
     """Bijections of the labelled faces of a segment, and how many charts were split for them."""
     parts = pieces(segmentation, segment)
     if method != "isometric" and not any(_flat_with_holes(segmentation, p) for p in parts):
-        maps = _widest(segmentation, segment, thresholds, method)
+        maps = widest(segmentation, segment, thresholds, method)
         if maps is not None:
             return maps, 0
     threshold = thresholds[0] if overlap else None
@@ -346,30 +399,6 @@ def _maps(
 def _flat_with_holes(segmentation: Segmentation, piece: Ints) -> bool:
     domain = piece_domain(segmentation, 0, piece, None, weighted=False)
     return domain.disk.n_boundary_loops > 1
-
-
-def _widest(
-    segmentation: Segmentation, segment: int, thresholds: Sequence[float], method: Flattening
-) -> list[Map] | None:
-    """Map the domains of a segment at the least threshold that suits its labelled faces.
-
-    None where the map of the labelled faces is no bijection at any threshold.
-    """
-    surface = segmentation.surface
-    tried: list[tuple[float, list[Map]]] = []
-    for threshold in thresholds:
-        found = [flatten(d, method, surface) for d in domains(segmentation, segment, threshold)]
-        maps = [mapped for mapped in found if mapped is not None]
-        if len(maps) < len(found):
-            continue
-        cost = sum(spread(mapped, surface.face_areas) / surface.area for mapped in maps)
-        tried.append((cost, maps))
-        if tried[0][0] <= _FREE_SPREAD:
-            return maps
-    if not tried:
-        return None
-    bound = _FREE_SPREAD + _WIDENING * min(cost for cost, _ in tried)
-    return next(maps for cost, maps in tried if cost <= bound)
 
 
 def _alone(

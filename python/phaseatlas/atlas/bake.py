@@ -184,6 +184,7 @@ def bake(
     padding: int | None = None,
     blend: bool = True,
     background: tuple[int, int, int] = (255, 255, 255),
+    page: int | None = None,
 ) -> Bytes:
     """Write a blended texture into the packed layout of an atlas.
 
@@ -211,6 +212,8 @@ def bake(
         False takes each texel from the one chart whose segment the face belongs to (thresholding).
     background
         Colour beyond the padding, bytes.
+    page
+        Which page of the layout to write, where it has several.
 
     Returns
     -------
@@ -220,8 +223,8 @@ def bake(
     Raises
     ------
     ValueError
-        If `scale`, `resolution`, `padding` or `background` is out of range, the texture has two or
-        more than three channels, or a covered texel is in no chart.
+        If `scale`, `resolution`, `padding`, `background` or `page` is out of range, the texture has
+        two or more than three channels, or a covered texel is in no chart.
     MemoryError
         If memory does not suffice for `resolution`; see `check_resolution`.
     """
@@ -233,8 +236,9 @@ def bake(
     image = None if callable(texture) else _image(texture)
     if image is not None:
         _check_channels(image.shape[2])
-    layout = np.ascontiguousarray(atlas.uv, dtype=np.float64)
-    charts = _concatenated(atlas, blend)
+    faces = _faces_of(atlas, page)
+    layout = np.ascontiguousarray(atlas.uv[faces], dtype=np.float64)
+    charts = _concatenated(atlas, blend, faces)
     scale = _tiles_per_unit(atlas, scale)
     work = _core.Bake(layout, *charts, scale, resolution, background)
     for tile in range(work.n_tiles):
@@ -283,20 +287,36 @@ def _can_allocate(size: int) -> bool:
     return True
 
 
-def _concatenated(atlas: Layout, blend: bool) -> tuple[Ints, Ints, Floats, Floats | None]:
+def _faces_of(atlas: Layout, page: int | None) -> Ints:
+    """Faces on a page."""
+    if page is None and atlas.n_pages > 1:
+        raise ValueError(f"page: value must be given, for there are {atlas.n_pages} of them")
+    if page is not None and not 0 <= page < atlas.n_pages:
+        raise ValueError(f"page: {page} must be in 0..{atlas.n_pages - 1}")
+    # What is stacked shows what lies below.
+    own = ~atlas.stacked
+    return np.flatnonzero(own if atlas.n_pages == 1 else own & (atlas.face_pages == page))
+
+
+def _concatenated(
+    atlas: Layout, blend: bool, faces: Ints
+) -> tuple[Ints, Ints, Floats, Floats | None]:
     """Faces, corners, places and weights of all charts; with `blend` or the labelled faces alone.
 
-    The corners count through the vertices of all charts.
+    The faces are those of a page, by their place among them. The corners count through the vertices
+    of all charts.
     """
     charts = atlas.charts
     if not charts:
         raise ValueError("atlas.charts: must not be empty")
-    kept = [slice(None) if blend else chart.labelled for chart in charts]
+    place = np.full(atlas.surface.n_faces, -1, dtype=np.int64)
+    place[faces] = np.arange(len(faces))
+    kept = [(place[chart.faces] >= 0) & (True if blend else chart.labelled) for chart in charts]
     first = np.cumsum([0, *(len(chart.vertices) for chart in charts)])
     pairs = list(zip(charts, kept, strict=True))
     corners = [chart.triangles[k] + start for (chart, k), start in zip(pairs, first, strict=False)]
     return (
-        np.concatenate([chart.faces[k] for chart, k in pairs]),
+        place[np.concatenate([chart.faces[k] for chart, k in pairs])],
         np.concatenate(corners),
         np.concatenate([chart.uv for chart in charts]),
         np.concatenate([chart.weights for chart in charts]) if blend else None,

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from .. import _core
 from ..arrays import Bools, Floats, Ints
 from ..notebook import Pictured
 from ..points import flat_areas
 from ..surface import Surface
+from ..tiles import tile_offsets
 
 __all__ = ["Chart", "Domain", "Layout"]
 
@@ -99,7 +102,7 @@ class Chart:
 
 @dataclass(frozen=True, eq=False)
 class Layout(Pictured):
-    """Charts of a surface and their sharp parts packed into the unit square.
+    """Charts of a surface and their sharp parts packed into the unit square, or into several.
 
     Attributes
     ----------
@@ -110,15 +113,79 @@ class Layout(Pictured):
     charts : tuple of Chart
         The charts; every face is labelled in one.
     uv : (m, 3, 2) array
-        Packed texture coordinates of the corners of each face, v up, in [0, 1].
+        Packed texture coordinates of the corners of each face, v up, in [0, 1] on its page.
+    pages : (c,) array of int
+        Page of each chart: which of several textures it is in. By default all are in one.
+    resolution : int, default 1024
+        Side in texels of the textures that the layout is meant for.
+    stack : (m, 3) array of int
+        Of faces that lie over their mirror images, turned over: the corner, three times the face
+        plus its number, whose place each corner shares; else -1. By default there are none.
     """
 
     surface: Surface
     labels: Ints
     charts: tuple[Chart, ...]
     uv: Floats
+    pages: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    resolution: int = 1024
+    stack: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if not len(self.pages):
+            object.__setattr__(self, "pages", np.zeros(len(self.charts), dtype=np.int64))
+        if len(self.pages) != len(self.charts):
+            raise ValueError(f"pages: length {len(self.pages)} must be {len(self.charts)}")
+        if not len(self.stack):
+            none = np.full((self.surface.n_faces, 3), -1, dtype=np.int64)
+            object.__setattr__(self, "stack", none)
+
+    @property
+    def stacked(self) -> Bools:
+        """Faces that lie over their mirror images, (m,)."""
+        stacked: Bools = self.stack[:, 0] >= 0
+        return stacked
+
+    @property
+    def n_pages(self) -> int:
+        """Number of pages, up to the last with a chart."""
+        return int(self.pages.max(initial=0)) + 1
+
+    @property
+    def face_pages(self) -> Ints:
+        """Page of each face, (m,)."""
+        pages = np.zeros(self.surface.n_faces, dtype=np.int64)
+        for chart, page in zip(self.charts, self.pages, strict=True):
+            pages[chart.faces[chart.labelled]] = page
+        return pages
+
+    @property
+    def udim(self) -> Floats:
+        """Texture coordinates with each page in its UDIM tile, ten tiles a row, (m, 3, 2)."""
+        return self.uv + tile_offsets(self.face_pages)[:, None]
+
+    @property
+    def density(self) -> float:
+        """Texels a unit length of the surface, in the mean over the area."""
+        return float(self.resolution * np.sqrt(flat_areas(self.uv).sum() / self.surface.area))
+
+    @property
+    def apart(self) -> tuple[Floats, Ints | None]:
+        """Texture coordinates and pages as if no face lay over another one.
+
+        What is stacked is turned back, on pages of its own; the pages are None where all is on one.
+        """
+        stacked = self.stacked
+        if self.n_pages == 1 and not stacked.any():
+            return self.uv, None
+        uv = self.uv.copy()
+        uv[stacked, :, 0] = 1.0 - uv[stacked, :, 0]
+        return uv, self.face_pages + self.n_pages * stacked
 
     def __repr__(self) -> str:
-        covered = f"{100 * float(flat_areas(self.uv).sum()):.3g} % of the square"
+        own = self.uv[~self.stacked]
+        share = float(flat_areas(own).sum()) / self.n_pages
+        pages = "the square" if self.n_pages == 1 else f"{self.n_pages} pages"
+        covered = f"{100 * share:.3g} % of {pages}"
         name, of = type(self).__name__, repr(self.surface)
         return f"{name}({len(self.charts)} charts on {covered},\n  of {of})"

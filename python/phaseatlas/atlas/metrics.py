@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from .. import _core
 from ..arrays import Bools, Floats, Ints
 from ..points import flat_areas
 from ..surface import Surface
+from .uv_topology import UvTopology, uv_topology
 
 __all__ = [
     "CURE",
@@ -35,8 +35,6 @@ _SPARSE_AREA = 0.02
 # sides apart: four units in the last place just below 1.
 THIN = 4 * 2.0**-24
 CURE = "a larger weight of the distortion (--distortion) makes charts that lie flatter"
-# Two UVs further apart than this share of the layout's side are different.
-_UV_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -55,6 +53,9 @@ class Flaws:
         Charts whose boundary crosses itself, by an exact test.
     thin : int
         Faces thinner than four units in the last place of a single-precision coordinate in [0, 1].
+    stacked : int
+        Faces that lie over their mirror images as asked for, turned over; not among the flips and
+        the overlap.
     """
 
     flips: int
@@ -62,6 +63,7 @@ class Flaws:
     sparse: float
     crossing: int = 0
     thin: int = 0
+    stacked: int = 0
 
     def fatal(self) -> list[str]:
         """One line for each flaw with which a layout must not be written."""
@@ -85,36 +87,13 @@ class Flaws:
         return said
 
 
-@dataclass(frozen=True)
-class UvTopology:
-    """The surface cut open along the seams of a UV layout.
-
-    Attributes
-    ----------
-    chart
-        (m,) chart of each face.
-    n_charts
-        Number of charts.
-    corner
-        (m, 3) vertex of each corner on the cut surface; vertices on a seam appear once per side.
-    n_vertices
-        Number of vertices of the cut surface.
-    open_edges
-        (m, 3) bool, whether edge (k, k + 1 mod 3) of a face lies on the boundary of its chart.
-    seams
-        (m, 3) bool, those open edges that have a face on their other side.
-    """
-
-    chart: Ints
-    n_charts: int
-    corner: Ints
-    n_vertices: int
-    open_edges: Bools
-    seams: Bools
-
-
 def atlas_metrics(
-    surface: Surface, uv: Floats, *, resolution: int = 2048, flaws: Flaws | None = None
+    surface: Surface,
+    uv: Floats,
+    *,
+    resolution: int = 2048,
+    flaws: Flaws | None = None,
+    pages: Ints | None = None,
 ) -> dict[str, float]:
     """Rate a UV layout.
 
@@ -131,6 +110,8 @@ def atlas_metrics(
         Side of the raster on which overlap is counted, in texels.
     flaws
         What `flaws` found, so that overlap is not counted again.
+    pages
+        (m,) page of each face, where the layout has several: each has its own unit square.
 
     Returns
     -------
@@ -150,7 +131,7 @@ def atlas_metrics(
         ``crossing``: charts whose boundary crosses itself, by an exact test.
         ``overlap``: texels covered by several faces, percent of the texels covered at all, the
         layout filling the raster.
-        ``packing``: area of the layout, percent of its bounding square.
+        ``packing``: area of the layout, percent of its bounding square, or those of its pages.
 
     Raises
     ------
@@ -158,7 +139,7 @@ def atlas_metrics(
         If `uv` has another shape or is not finite, or its total area is zero.
     """
     uv = checked_uv(surface, uv)
-    topology = uv_topology(surface, uv)
+    topology = uv_topology(surface, _apart(uv, pages))
     s1, s2, signed = singular_values(surface, uv)
     solid = signed != 0.0
     distortion = _distortion(s1[solid], s2[solid], surface.face_areas[solid])
@@ -166,7 +147,7 @@ def atlas_metrics(
     area = float(surface.face_areas.sum())
     mirrored = np.bincount(topology.chart, signed) < 0.0
     turned = np.where(mirrored[topology.chart], -signed, signed)
-    extent = float(np.ptp(uv, axis=(0, 1)).max())
+    extents = [float(np.ptp(of_page, axis=(0, 1)).max()) for of_page in _by_page(uv, pages)]
     return {
         "charts": topology.n_charts,
         "non_disk": int((_euler_characteristics(topology) != 1).sum()),
@@ -176,12 +157,14 @@ def atlas_metrics(
         "degenerate": int((~solid).sum()),
         "flips": int((turned < 0.0).sum()),
         "crossing": _crossing(uv, topology) if flaws is None else flaws.crossing,
-        "overlap": _overlap(uv, resolution) if flaws is None else flaws.overlap,
-        "packing": float(100.0 * np.abs(signed).sum() / extent**2),
+        "overlap": _overlap(uv, resolution, pages) if flaws is None else flaws.overlap,
+        "packing": float(100.0 * np.abs(signed).sum() / sum(extent**2 for extent in extents)),
     }
 
 
-def flaws(surface: Surface, uv: Floats, *, resolution: int = 2048) -> Flaws:
+def flaws(
+    surface: Surface, uv: Floats, *, resolution: int = 2048, pages: Ints | None = None
+) -> Flaws:
     """Find what makes a layout useless in places.
 
     Parameters
@@ -192,6 +175,8 @@ def flaws(surface: Surface, uv: Floats, *, resolution: int = 2048) -> Flaws:
         UV of every corner of every face; no chart is mirrored.
     resolution : int, default 2048
         Side of the raster on which overlap is counted, in texels.
+    pages : (m,) array of int, optional
+        Page of each face, where the layout has several: each is looked at by itself.
     """
     signed = flat_areas(uv, signed=True)
     areas = surface.face_areas
@@ -200,75 +185,32 @@ def flaws(surface: Surface, uv: Floats, *, resolution: int = 2048) -> Flaws:
     sparse = areas[density < _SPARSE * mean].sum() / areas.sum()
     return Flaws(
         flips=turned_over(uv),
-        overlap=_overlap(uv, resolution),
+        overlap=_overlap(uv, resolution, pages),
         sparse=float(sparse),
-        crossing=_crossing(uv, uv_topology(surface, uv)),
+        crossing=_crossing(uv, uv_topology(surface, _apart(uv, pages))),
         thin=int(_thin(uv, signed).sum()),
     )
 
 
-def turned_over(uv: Floats) -> int:
+def turned_over(uv: Floats, *, largest: float = 1.0) -> int:
     """Count the faces that are turned over in the plane, without those that are thin.
 
     Parameters
     ----------
     uv : (m, 3, 2) array
         UV of every corner of every face; no chart is mirrored.
+    largest : float, default 1
+        Of the coordinates: in single precision large ones have fewer digits behind the point.
     """
     signed = flat_areas(uv, signed=True)
-    return int(((signed <= 0.0) & ~_thin(uv, signed)).sum())
+    return int(((signed <= 0.0) & ~_thin(uv, signed, largest)).sum())
 
 
-def _thin(uv: Floats, signed: Floats) -> Bools:
-    thin: Bools = 2.0 * np.abs(signed) <= THIN * _longest(uv)
+def _thin(uv: Floats, signed: Floats, largest: float = 1.0) -> Bools:
+    # The step of single precision doubles at each power of two.
+    step = 2.0 ** np.ceil(np.log2(largest))
+    thin: Bools = 2.0 * np.abs(signed) <= step * THIN * _longest(uv)
     return thin
-
-
-def uv_topology(surface: Surface, uv: Floats) -> UvTopology:
-    """Cut a surface open along the edges whose two sides carry different UVs.
-
-    Parameters
-    ----------
-    surface
-        The surface, with m faces.
-    uv
-        (m, 3, 2) UV of every corner of every face.
-
-    Returns
-    -------
-    UvTopology
-        Charts, split vertices and boundary edges.
-    """
-    m = surface.n_faces
-    start, end = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()
-    key, twin_key = start * surface.n_vertices + end, end * surface.n_vertices + start
-    order = np.argsort(key)
-    slot = np.minimum(np.searchsorted(key[order], twin_key), 3 * m - 1)
-    twin = order[slot]
-    inner = key[twin] == twin_key
-
-    corners = np.arange(3 * m)
-    following = np.roll(corners.reshape(m, 3), -1, axis=1).ravel()
-    flat = uv.reshape(-1, 2)
-    tolerance = _UV_TOLERANCE * float(np.ptp(flat, axis=0).max())
-    apart = np.maximum(
-        np.abs(flat[corners] - flat[following[twin]]).max(axis=1),
-        np.abs(flat[following] - flat[twin]).max(axis=1),
-    )
-    joined = inner & (apart <= tolerance)
-
-    n_charts, chart = _components(m, corners[joined] // 3, twin[joined] // 3)
-    pairs = np.concatenate([corners[joined], following[joined]])
-    mates = np.concatenate([following[twin[joined]], twin[joined]])
-    n_vertices, corner = _components(3 * m, pairs, mates)
-    return UvTopology(
-        chart=chart,
-        n_charts=n_charts,
-        corner=corner.reshape(m, 3),
-        n_vertices=n_vertices,
-        open_edges=~joined.reshape(m, 3),
-        seams=(inner & ~joined).reshape(m, 3),
-    )
 
 
 def yamabe_factors(surface: Surface, topology: UvTopology) -> Floats:
@@ -337,12 +279,6 @@ def checked_uv(surface: Surface, uv: Floats) -> Floats:
         face, corner = (int(k) for k in np.argwhere(~finite)[0])
         raise ValueError(f"uv[{face}, {corner}]: {uv[face, corner]} must be finite numbers")
     return uv
-
-
-def _components(n: int, a: Ints, b: Ints) -> tuple[int, Ints]:
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label.astype(np.int64)
 
 
 def _distortion(s1: Floats, s2: Floats, areas: Floats) -> dict[str, float]:
@@ -431,9 +367,25 @@ def _crossing(uv: Floats, topology: UvTopology) -> int:
     return sum(_core.faults(corners, points, thin)[1] for corners in charts)
 
 
-def _overlap(uv: Floats, resolution: int) -> float:
-    low = uv.min(axis=(0, 1))
-    extent = float(np.ptp(uv, axis=(0, 1)).max())
-    _, count = _core.rasterize(np.ascontiguousarray((uv - low) / extent), resolution)
-    covered = int((count > 0).sum())
-    return 100.0 * int((count > 1).sum()) / covered if covered else 0.0
+def _overlap(uv: Floats, resolution: int, pages: Ints | None) -> float:
+    covered = doubled = 0
+    for of_page in _by_page(uv, pages):
+        low = of_page.min(axis=(0, 1))
+        extent = float(np.ptp(of_page, axis=(0, 1)).max())
+        _, count = _core.rasterize(np.ascontiguousarray((of_page - low) / extent), resolution)
+        covered += int((count > 0).sum())
+        doubled += int((count > 1).sum())
+    return 100.0 * doubled / covered if covered else 0.0
+
+
+def _by_page(uv: Floats, pages: Ints | None) -> list[Floats]:
+    """Coordinates of the faces of each page."""
+    return [uv] if pages is None else [uv[pages == page] for page in np.unique(pages)]
+
+
+def _apart(uv: Floats, pages: Ints | None) -> Floats:
+    """Coordinates that are different on different pages."""
+    if pages is None:
+        return uv
+    # The unit squares do not touch.
+    return uv + np.stack([2.0 * pages, np.zeros(len(pages))], axis=1)[:, None]

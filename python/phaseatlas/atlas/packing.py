@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -53,6 +54,81 @@ def pack(
         of the side.
     """
     check_packing(padding, resolution)
+    pieces = gather(charts, n_faces)
+    share = share_with_room([pieces], padding, resolution)
+    uv = np.empty((n_faces, 3, 2))
+    uv[pieces.faces] = pieces.packed(share)
+    return uv
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """The labelled faces of charts, in pieces that move together.
+
+    Attributes
+    ----------
+    points : (p, 2) array
+        Corners in the planes of the charts.
+    triangles : (k, 3) array of int
+        Points of each face.
+    faces : (k,) array of int
+        Faces of the surface.
+    piece : (k,) array of int
+        Piece of each face.
+    chart : (k,) array of int
+        Chart of each face.
+    """
+
+    points: Floats
+    triangles: Ints
+    faces: Ints
+    piece: Ints
+    chart: Ints
+
+    @property
+    def count(self) -> int:
+        """Number of pieces."""
+        return int(self.piece.max()) + 1
+
+    @property
+    def areas(self) -> Floats:
+        """Area of each face in the plane."""
+        return flat_areas(self.points[self.triangles])
+
+    def of(self, charts: Ints) -> Pieces:
+        """The pieces of some charts."""
+        kept = np.isin(self.chart, charts)
+        _, piece = np.unique(self.piece[kept], return_inverse=True)
+        return Pieces(
+            self.points,
+            np.ascontiguousarray(self.triangles[kept]),
+            self.faces[kept],
+            piece.astype(np.int64),
+            self.chart[kept],
+        )
+
+    def packed(self, padding: float, *, as_length: bool = False) -> Floats:
+        """Corners in the unit square, (k, 3, 2).
+
+        Parameters
+        ----------
+        padding : float
+            Least distance of two pieces: a share of the side, or in the units of the charts.
+        as_length : bool, default False
+            Which of the two.
+        """
+        return _core.pack(self.points, self.triangles, self.piece, padding, as_length=as_length)
+
+
+def gather(charts: Sequence[Chart], n_faces: int) -> Pieces:
+    """Take the labelled faces of all charts.
+
+    Raises
+    ------
+    ValueError
+        If a face is labelled by no chart or by several, a UV is not finite, or a piece has no area
+        in the plane.
+    """
     _check_cover(charts, n_faces)
     points = np.concatenate([chart.uv for chart in charts])
     first = np.cumsum([0, *(len(chart.uv) for chart in charts)])
@@ -63,20 +139,33 @@ def pack(
         ]
     )
     faces = np.concatenate([chart.faces[chart.labelled] for chart in charts])
-    count, piece = edge_components(triangles)
+    _, piece = edge_components(triangles)
     _check_shapes(points, triangles, faces, piece, first)
+    sizes = [int(np.count_nonzero(chart.labelled)) for chart in charts]
+    return Pieces(points, triangles, faces, piece, np.repeat(np.arange(len(charts)), sizes))
 
-    largest = _core.most_padding(count)
-    share = min(padding / resolution, largest)
-    if share < padding / resolution:
+
+def share_with_room(pages: Sequence[Pieces], texels: float, resolution: int) -> float:
+    """The padding as a share of the side; less, with a warning, where there is no room for it.
+
+    Parameters
+    ----------
+    pages : sequence of Pieces
+        Each to be packed into a square of its own.
+    texels : float
+        Least distance between pieces.
+    resolution : int
+        Side of the squares in texels.
+    """
+    count = max(page.count for page in pages)
+    share = min(texels / resolution, _core.most_padding(count))
+    if share < texels / resolution:
         warn(
-            f"padding: {count} pieces have no room for {padding} texels between them at "
+            f"padding: {count} pieces have no room for {texels:g} texels between them at "
             f"resolution {resolution}, they are {share * resolution:.2g} apart; a larger "
             "resolution helps"
         )
-    uv = np.empty((n_faces, 3, 2))
-    uv[faces] = _core.pack(points, triangles, piece, share)
-    return uv
+    return share
 
 
 def check_packing(padding: int, resolution: int) -> None:

@@ -34,6 +34,9 @@ def save_layout(layout: Layout, path: str | PathLike[str]) -> None:
         "format": FORMAT,
         "labels": layout.labels,
         "uv": layout.uv,
+        "pages": layout.pages,
+        "resolution": layout.resolution,
+        "stack": layout.stack,
         "chart_segment": np.array([chart.segment for chart in charts]),
         "chart_cut_length": np.array([chart.cut_length for chart in charts]),
         "chart_n_faces": np.array([len(chart.faces) for chart in charts]),
@@ -90,4 +93,12 @@ def layout_of_arrays(arrays: dict[str, Any]) -> Layout:
     covered = np.concatenate([chart.faces[chart.labelled] for chart in charts])
     if not np.array_equal(np.sort(covered), np.arange(m)):
         raise ValueError("chart_labelled: every face must be labelled in one chart")
-    return Layout(surface, labels, charts, uv)
+    # Files of before there were pages have one.
+    pages = arrays.get("pages", np.zeros(len(charts), dtype=np.int64))
+    if pages.shape != (len(charts),) or pages.min() < 0:
+        raise ValueError(f"pages: must be {len(charts)} numbers from 0")
+    stack: Ints = arrays.get("stack", np.full((m, 3), -1, dtype=np.int64))
+    if stack.shape != (m, 3) or not ((stack >= -1) & (stack < 3 * m)).all():
+        raise ValueError(f"stack: must be corners below {3 * m}, (m, 3)")
+    side = int(arrays.get("resolution", 1024))
+    return Layout(surface, labels, charts, uv, pages, side, stack)

@@ -10,7 +10,7 @@ import typer
 from . import options
 from .output import check_output
 from .process import Record, say
-from .report import phases, progress, say_cut, say_metrics, say_segmentation, say_written
+from .report import phases, progress, say_cut, say_metrics, say_pages, say_segmentation, say_written
 
 __all__ = ["atlas"]
 
@@ -31,6 +31,8 @@ def atlas(
     max_distortion: options.MaxDistortion = None,
     max_charts: options.MaxCharts = None,
     effort: options.Effort = "normal",
+    symmetry: options.Symmetry = None,
+    stack: options.Stack = False,
     seed: options.Seed = 0,
     flatten: options.Flatten = None,
     weld: options.Weld = 0.0,
@@ -38,11 +40,15 @@ def atlas(
     uv_set: options.UvSet = None,
     texture: options.Texture = None,
     rebake: options.Rebake = False,
-    resolution: options.Resolution = 1024,
+    resolution: options.Resolution = None,
+    density: options.Density = None,
     padding: options.Padding = 4,
     charts: options.Charts = None,
     outlines: options.Outlines = None,
     unit: options.Unit = None,
+    mips: options.Mips = 0,
+    pages: options.Pages = 1,
+    udim: options.Udim = False,
     levels: options.AtlasLevels = None,
     shares: options.Shares = None,
     connected: options.Connected = True,
@@ -77,6 +83,8 @@ def atlas(
         max_distortion=max_distortion,
         max_charts=max_charts,
         effort=effort,
+        symmetry=symmetry,
+        stack=stack,
         connected=connected,
         law=law,
         area=area,
@@ -95,6 +103,10 @@ def atlas(
         charts=charts,
         outlines=outlines,
         unit=unit,
+        mips=mips,
+        density=density,
+        pages=pages,
+        udim=udim,
     )
     with progress(levels) if options_of_file.by_tree else phases() as report:
         made = atlas_file(mesh, output, options_of_file, progress=report)
@@ -104,6 +116,8 @@ def atlas(
         if cut and made.before is not None:
             say_cut(made.before, made.scene)
         say_segmentation(made.segmentation)
+        if density is not None or pages > 1 or stack:
+            say_pages(made.atlas)
         say_metrics(made.atlas)
     say_written(*made.files)
     return made.record()

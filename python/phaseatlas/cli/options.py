@@ -15,6 +15,7 @@ __all__ = [
     "Charts",
     "Connected",
     "Cut",
+    "Density",
     "Distortion",
     "EdgeLength",
     "Effort",
@@ -30,8 +31,10 @@ __all__ = [
     "MaxDistortion",
     "Mesh",
     "MeshOrNpz",
+    "Mips",
     "Outlines",
     "Padding",
+    "Pages",
     "Quiet",
     "Rebake",
     "Resolution",
@@ -39,9 +42,12 @@ __all__ = [
     "SegmentLevels",
     "Shares",
     "Solver",
+    "Stack",
     "Strict",
+    "Symmetry",
     "Texture",
     "Threads",
+    "Udim",
     "Unit",
     "UvSet",
     "Verbose",
@@ -159,6 +165,16 @@ MaxCharts = Annotated[
 Effort = Annotated[
     Literal["fast", "normal", "best"], typer.Option(help="How long to search for better charts.")
 ]
+Symmetry = Annotated[
+    Literal["x", "y", "z"] | None,
+    typer.Option(
+        help="Cut along the plane of symmetry across this axis, and mirror the charts of one half.",
+        show_default="none",
+    ),
+]
+Stack = Annotated[
+    bool, typer.Option("--stack", help="Lay mirrored charts over each other: half the texels.")
+]
 
 # Of the atlas.
 Flatten = Annotated[
@@ -187,7 +203,25 @@ Rebake = Annotated[
         "--rebake", help="Bake the file's own textures and colours into pictures of the atlas."
     ),
 ]
-Padding = Annotated[int, typer.Option(help="Least distance between charts in texels.", min=0)]
+Padding = Annotated[
+    int, typer.Option(help="Least distance between charts in texels of the last mip level.", min=0)
+]
+Mips = Annotated[
+    int, typer.Option(help="Mip levels whose texels never touch two charts.", min=0, max=14)
+]
+Density = Annotated[
+    float | None,
+    typer.Option(
+        help="Texels a unit length of the mesh; the resolution follows.", show_default="none"
+    ),
+]
+Pages = Annotated[
+    int, typer.Option(help="Number of textures that share the charts.", min=1, max=100)
+]
+Udim = Annotated[
+    bool,
+    typer.Option("--udim", help="Put the pages into UDIM tiles, 1001 and so on, and not into one."),
+]
 UvSet = Annotated[
     int | None,
     typer.Option(
@@ -200,7 +234,13 @@ Weld = Annotated[
     float, typer.Option(help="Join vertices nearer than this, in the units of the mesh.", min=0.0)
 ]
 Resolution = Annotated[
-    int, typer.Option(help="Side of the baked texture in texels.", min=32, max=16384)
+    int | None,
+    typer.Option(
+        help="Side of the baked texture in texels.",
+        show_default="1024, or what --density needs",
+        min=32,
+        max=16384,
+    ),
 ]
 
 # Beside the atlas.

@@ -27,6 +27,7 @@ __all__ = [
     "progress",
     "say_meshes",
     "say_metrics",
+    "say_pages",
     "say_segmentation",
     "say_surface",
     "say_tree",
@@ -203,7 +204,7 @@ def _say_charts(part: Segmentation) -> None:
 
     shares = ", ".join(f"{100 * share:.2g}" for share in part.areas / part.surface.area)
     say(f"charts {part.n_segments}, shares of the area {shares} %")
-    if isinstance(part, Partition):
+    if isinstance(part, Partition) and part.diagnostics:
         last = part.diagnostics[-1]
         say(
             f"energy {last.energy:.4g}, seam {last.seam:.4g} sqrt(area), cuts {last.cuts:.4g} "
@@ -251,6 +252,18 @@ def say_metrics(atlas: Atlas) -> None:
         return
     names, values = (max(map(len, each)) for each in (found, found.values()))
     say(*(f"{name:{names}}  {value:>{values}}  {METRICS[name]}" for name, value in found.items()))
+
+
+def say_pages(atlas: Atlas) -> None:
+    """Print how many textures an atlas has, how large they are and how dense."""
+    pairs = {
+        "pages": f"{atlas.n_pages}",
+        "resolution": f"{atlas.resolution} texels a side",
+        "density": f"{atlas.density:.6g} texels a unit",
+    }
+    if stacked := atlas.diagnostics.stacked:
+        pairs["stacked"] = f"{stacked} faces over their mirror images"
+    _say_pairs(pairs)
 
 
 def say_written(*files: Path) -> None:

@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.resources import files
 from os import PathLike
@@ -16,6 +17,7 @@ import numpy as np
 
 from .._core import __version__
 from ..arrays import Bytes, Floats
+from ..atlas import Atlas
 from ..atlas.metrics import uv_topology
 from ..files import write_bytes
 from ..meanings import METRICS, SEGMENTS, SURFACE
@@ -59,7 +61,7 @@ def html_of(
     thing: object,
     *,
     title: str = "phaseatlas",
-    image: Bytes | None = None,
+    image: Bytes | Sequence[Bytes] | None = None,
     of: object = None,
 ) -> str:
     """Return a page that shows a surface, a segmentation, a tree or an atlas.
@@ -70,14 +72,18 @@ def html_of(
         What to show.
     title : str
         Its heading.
-    image : (r, r, 3) array of uint8, optional
-        The texture of an atlas, first row on top.
+    image : (r, r, 3) array of uint8, or a sequence of them, optional
+        The texture of an atlas, first row on top; one for each page.
     of : SegmentTree or SceneSegmentation, optional
         What an atlas was made of, to show the levels of its tree.
     """
     shown = thing if isinstance(thing, Subject) else subject(thing)
     if image is not None:
-        shown = replace(shown, pictures=(Picture.of(image),), resolution=image.shape[0])
+        images = [image] if isinstance(image, np.ndarray) else list(image)
+        pictures = tuple(Picture.of(each) for each in images)
+        shown = replace(shown, pictures=pictures, resolution=images[0].shape[0])
+        if isinstance(thing, Atlas) and thing.n_pages > 1:
+            shown = replace(shown, material=thing.face_pages)
     if of is not None:
         shown = _with_levels(shown, thing, of)
     return _assembled(shown, title)

@@ -192,7 +192,8 @@ def _(thing: Atlas) -> Subject:
         chart,
         len(thing.charts),
         "chart",
-        thing.uv,
+        # Several pages are drawn side by side.
+        thing.udim,
         weights=Blend(surface.n_vertices, parts) if blended else None,
         metrics=thing.metrics(),
     )

@@ -9,12 +9,10 @@ in the `partition` module of the core.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Literal, get_args, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .. import _core
 from ..arrays import Ints
@@ -24,6 +22,8 @@ from ..surface import Surface
 from .levels import Level, levels_of
 from .phases import Log, Phase, rating
 from .pieces import first_copies, share_bound, warn_of_bounds
+from .record import Partition, by_area
+from .symmetry import AXES, Axis, mirror, mirrored_labels
 
 __all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 
@@ -69,31 +69,6 @@ _BISECTIONS = 10
 _ATTEMPTS = 8
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
-class Partition(Segmentation):
-    """A segmentation by energy.
-
-    Attributes
-    ----------
-    diagnostics : tuple of Phase
-        The figures after each phase, in order.
-    """
-
-    diagnostics: tuple[Phase, ...] = ()
-
-    def __init__(
-        self,
-        surface: Surface,
-        labels: ArrayLike,
-        weights: ArrayLike | None = None,
-        diagnostics: tuple[Phase, ...] = (),
-        *,
-        epsilon: float | None = None,
-    ) -> None:
-        super().__init__(surface, labels, weights, epsilon=epsilon)
-        object.__setattr__(self, "diagnostics", diagnostics)
-
-
 @overload
 def partition(  # type: ignore[overload-overlap]
     surface: Scene,
@@ -104,6 +79,7 @@ def partition(  # type: ignore[overload-overlap]
     effort: Effort = "normal",
     seed: int = 0,
     progress: Callable[[Phase], object] | None = None,
+    symmetry: Axis | None = None,
 ) -> SceneSegmentation: ...
 
 
@@ -117,6 +93,7 @@ def partition(
     effort: Effort = "normal",
     seed: int = 0,
     progress: Callable[[Phase], object] | None = None,
+    symmetry: Axis | None = None,
 ) -> Partition: ...
 
 
@@ -129,6 +106,7 @@ def partition(
     effort: Effort = "normal",
     seed: int = 0,
     progress: Callable[[Phase], object] | None = None,
+    symmetry: Axis | None = None,
 ) -> Partition | SceneSegmentation:
     """Cut a surface into the charts that cost least in seam, cuts and distortion together.
 
@@ -154,6 +132,11 @@ def partition(
         Seed of the perturbations. Equal inputs give equal charts for any number of threads.
     progress : callable, optional
         Called with the `Phase` so far after each group of moves; a true answer stops the work.
+    symmetry : {"x", "y", "z"}, optional
+        Cut the surface along the plane across this axis on whose two sides it is the same, and give
+        one half the mirror images of the charts of the other. Polygons across the plane are on one
+        side whole; what has no image has charts of its own. `max_charts` is shared out evenly, and
+        the diagnostics are none.
 
     Returns
     -------
@@ -163,7 +146,8 @@ def partition(
     Raises
     ------
     ValueError
-        For a weight or bound that is not positive, an unknown effort, or a negative seed.
+        For a weight or bound that is not positive, an unknown effort, a negative seed, and where
+        less than 95 % of the area has a mirror image.
     StoppedError
         Where `progress` gave a true answer.
 
@@ -172,7 +156,21 @@ def partition(
     QualityWarning
         Where a bound is not met.
     """
-    check_options(distortion, max_distortion, max_charts, effort, seed)
+    check_options(distortion, max_distortion, max_charts, effort, seed, symmetry)
+    if symmetry is not None:
+        return _symmetric(
+            surface,
+            symmetry,
+            lambda half: partition(
+                half,
+                distortion=distortion,
+                max_distortion=max_distortion,
+                max_charts=None if max_charts is None else max(max_charts // 2, 1),
+                effort=effort,
+                seed=seed,
+                progress=progress,
+            ),
+        )
 
     def of_piece(piece: Surface, most: int | None) -> Partition:
         return _partition(piece, distortion, max_distortion, most, effort, seed, progress)
@@ -193,6 +191,22 @@ def partition(
             part if part.n_segments <= bound else of_piece(part.surface, bound)
             for part, bound in zip(parts, bounds, strict=True)
         ]
+    return SceneSegmentation(surface, parts)
+
+
+def _symmetric(
+    surface: Surface, axis: Axis, partition: Callable[[Scene], SceneSegmentation]
+) -> Partition | SceneSegmentation:
+    """Charts of one half of a surface, and their images on the other."""
+    labels = mirrored_labels(surface, mirror(surface, axis), partition)
+
+    def of_piece(piece: Surface, labels: Ints) -> Partition:
+        _, numbers = np.unique(labels, return_inverse=True)
+        return Partition(piece, by_area(numbers.reshape(-1), piece))
+
+    if not isinstance(surface, Scene):
+        return of_piece(surface, labels)
+    parts = [of_piece(piece.surface, labels[piece.faces]) for piece in surface.pieces]
     return SceneSegmentation(surface, parts)
 
 
@@ -242,7 +256,7 @@ def _partition(
     if len(ends) > 1:
         log.close(last)
     warn_of_bounds(last, max_distortion, max_charts)
-    return Partition(surface, _by_area(labels, surface), diagnostics=tuple(log.phases))
+    return Partition(surface, by_area(labels, surface), diagnostics=tuple(log.phases))
 
 
 def _charts(
@@ -390,19 +404,13 @@ def _weight(core: _core.Partition, max_distortion: float | None, max_charts: int
     return float(np.exp(low if max_charts is not None else high))
 
 
-def _by_area(labels: Ints, surface: Surface) -> Ints:
-    order = np.argsort(-np.bincount(labels, surface.face_areas), kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return rank[labels].astype(np.int64)
-
-
 def check_options(
     distortion: float = DISTORTION,
     max_distortion: float | None = None,
     max_charts: int | None = None,
     effort: str = "normal",
     seed: int = 0,
+    symmetry: str | None = None,
 ) -> None:
     """Raise ValueError where `partition` would refuse its options."""
     bounds = {"distortion": distortion, "max_distortion": max_distortion}
@@ -415,3 +423,5 @@ def check_options(
         raise ValueError(f"effort: value must be one of {get_args(Effort)}, got {effort!r}")
     if seed < 0:
         raise ValueError(f"seed: value must not be negative, got {seed}")
+    if symmetry not in (None, *AXES):
+        raise ValueError(f"symmetry: {symmetry!r} must be one of {AXES}")

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..arrays import Bytes, Floats
+from ..arrays import Bools, Bytes, Floats
 from ..atlas.charts import Layout
 from ..atlas.metrics import uv_topology
 from ..files import write_whole
@@ -112,7 +113,7 @@ def textured(
 
 def uv_layout(
     atlas: Layout,
-    image: NDArray[Any],
+    image: NDArray[Any] | Sequence[NDArray[Any]],
     path: str | PathLike[str] | None = None,
     *,
     views: int = 2,
@@ -129,7 +130,7 @@ def uv_layout(
         Charts and their packed layout.
     image
         (H, W, 3) bytes or floats in [0, 1] over the layout, first row at v = 1, as `bake` returns
-        it.
+        it; a sequence of them where there are several pages, which are drawn side by side.
     path
         Image file, where one is to be written; the suffix sets the format.
     views
@@ -159,24 +160,40 @@ def uv_layout(
     for index, chart in enumerate(atlas.charts):
         labels[chart.faces[chart.labelled]] = index
     tints = segment_colors(surface, labels, len(atlas.charts))
-    picture = pictured(atlas.uv, image)
+    images = [image] if isinstance(image, np.ndarray) else list(image)
+    if len(images) != atlas.n_pages:
+        raise ValueError(f"image: {len(images)} images must be {atlas.n_pages}, one a page")
+    pictures = [pictured(atlas.uv, each) for each in images]
+    pages = atlas.face_pages
 
     def colour(points: SurfacePoints) -> Floats:
-        tinted: Floats = picture(points) * (1.0 - tint + tint * tints[labels[points.face]])
+        found = pictures[0](points)
+        for page, picture in enumerate(pictures[1:], start=1):
+            mine = pages[points.face] == page
+            found[mine] = picture(SurfacePoints(points.face[mine], points.barycentric[mine]))
+        tinted: Floats = found * (1.0 - tint + tint * tints[labels[points.face]])
         return tinted
 
-    layout = draw_layout(atlas.uv, colour, size)
+    def on_page(page: int) -> Floats:
+        faces = np.flatnonzero(pages == page)
+
+        def of_page(points: SurfacePoints) -> Floats:
+            return colour(SurfacePoints(faces[points.face], points.barycentric))
+
+        return draw_layout(atlas.uv[faces], of_page, size)
+
+    layouts = [on_page(page) for page in range(atlas.n_pages)]
     beside = render_views(surface, colour, views, size, direction) if views else []
-    figure = _panels([layout, *beside], title)
-    _outline(figure, surface, atlas.uv, size)
+    figure = _panels([*layouts, *beside], title)
+    open_edges = uv_topology(surface, atlas.udim).open_edges
+    for page in range(atlas.n_pages):
+        _outline(figure.axes[page], atlas.uv, open_edges & (pages == page)[:, None], size)
     return _drawn(figure, path)
 
 
-def _outline(figure: Figure, surface: Surface, uv: Floats, size: int) -> None:
-    """Draw the boundaries of the charts over the first panel."""
-    open_edges = uv_topology(surface, uv).open_edges
+def _outline(axes: Axes, uv: Floats, open_edges: Bools, size: int) -> None:
+    """Draw the boundaries of charts over the panel of their page."""
     lines = np.stack([uv, np.roll(uv, -1, axis=1)], axis=2)[open_edges]
-    axes = figure.axes[0]
     pixels = lines * [size, -size] + [-0.5, size - 0.5]
     axes.add_collection(LineCollection(list(pixels), colors="#2b2b2b", linewidths=0.7))
     for spine in axes.spines.values():

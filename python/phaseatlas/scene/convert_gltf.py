@@ -184,7 +184,8 @@ def _write_materials(
                 )
             if picture.name in seen:
                 # The old coordinates moved out of the way of the new ones.
-                at = material.uv_set + (material.uv_set >= uv_set)
+                old = material.uv_set
+                at = uv_set if old is None else old + (old >= uv_set)
                 pbr["baseColorTexture"] = {"index": seen[picture.name], "texCoord": at}
         entry: Json = {"name": material.name, "pbrMetallicRoughness": pbr}
         if material.colour[3] < 1:

@@ -71,13 +71,15 @@ def as_obj(
             lines += _object(mesh, extra, matrix, corners, bases, shown)
     files: dict[Path, bytes] = {}
     notes = []
+    own = {m.texture.name: m.texture.data for m in materials if m.uv_set is None and m.texture}
+    files |= {path.with_name(picture): data for picture, data in own.items()}
     if image is not None:
         files[path.with_name(f"{stem}.png")] = png(image)
     else:
         notes += [
             f"the texture {m.texture.name} belongs to the old texture coordinates and is left out"
             for k, m in enumerate(materials)
-            if m.texture is not None and k in used
+            if m.texture is not None and k in used and m.texture.name not in own
         ]
     if library:
         entries = [(names[k], materials[k] if k >= 0 else Material(stem)) for k in used]

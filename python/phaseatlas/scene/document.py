@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -18,8 +18,9 @@ from .gltf_files import gltf_files
 from .gltf_meshes import materials_of, meshes_of, triangles_of
 from .looks import Baked
 from .mesh import Contents, Corners, Material, Mesh
-from .obj_document import ObjSource, read_obj_source
+from .obj_document import ObjSource, free_stem, read_obj_source
 from .off import read_off
+from .paged import Pages, in_tiles, paged
 from .ply import read_ply
 from .sources import CutSource, GltfSource, LooseSource, Source, as_ply
 from .stl import read_stl
@@ -66,6 +67,8 @@ class Document:
         image: Bytes | None = None,
         uv_set: int | None = None,
         baked: Baked | None = None,
+        pages: Pages | None = None,
+        tiles: Sequence[Mapping[str, Bytes]] | None = None,
     ) -> Contents:
         """Return the file with new texture coordinates.
 
@@ -88,6 +91,15 @@ class Document:
         baked : Baked, optional
             What `scene.rebake` made of the textures for these coordinates, instead of an image. A
             file that was no glTF file, or becomes none, has a base colour alone.
+        pages : Pages, optional
+            Several textures, and which of them each polygon is in, instead of an image. Each page
+            of a material becomes a material of its own: glTF primitives are split, an OBJ file gets
+            a `usemtl` line where the page changes. A PLY file has one texture.
+        tiles : sequence of mapping of str to (h, w, 3) array of uint8, optional
+            The pictures of each UDIM tile by slot (see `Baked`), instead of an image: files
+            `name.1001.png` and so on beside the file, and `name_normal.1001.png` of other slots.
+            OBJ and PLY files name the base colours as `name.<UDIM>.png`; glTF files, for which
+            there are no tiles, name none.
 
         Returns
         -------
@@ -114,28 +126,43 @@ class Document:
                 raise ValueError(f"uvs[{k}]: shape {uv.shape} must be ({len(mesh.corners)}, 2)")
             if not np.isfinite(uv).all():
                 raise ValueError(f"uvs[{k}]: coordinates must be finite")
+        if tiles is not None:
+            shown = tiles[0]["base"] if kind in (".obj", ".ply") else None
+            first = baked if shown is not None else None
+            made = self.with_uv(path, given, image=shown, uv_set=uv_set, baked=first)
+            note = "glTF has no UDIM tiles: the pictures are beside the file, which names none"
+            notes = made.notes if shown is not None else (*made.notes, note)
+            stem = free_stem(path, self.source.named)
+            return in_tiles(Contents(made.files, notes), path, stem, tiles)
         if baked is not None:
             image = baked.images["base"]
+        if pages is not None and kind == ".ply":
+            raise ValueError(f"pages: {path} has one texture; UDIM tiles may be several")
         if kind in self.source.kinds:
             if kind not in (".glb", ".gltf"):
                 _only_set(uv_set, 0)
-            return self.source.rewrite(path, given, image, uv_set, baked)
+            return self.source.rewrite(path, given, image, uv_set, baked, pages)
         carried = [self.corners(k) for k in range(len(self.meshes))]
-        if baked is not None:
+        meshes, materials = self.meshes, self.materials
+        if pages is not None:
+            name = free_stem(path, self.source.named)
+            split, with_pages = paged(meshes, materials, pages, name)
+            meshes, materials = tuple(split), tuple(with_pages)
+        if baked is not None or (pages is not None and pages.baked):
             # They are in the picture.
             carried = [replace(extra, colours=None) for extra in carried]
         if kind == ".ply":
             _only_set(uv_set, 0)
-            return as_ply(path, self.meshes, carried, given, image)
+            return as_ply(path, meshes, carried, given, image)
         if kind == ".obj":
             _only_set(uv_set, 0)
             lost = self._lost(carried)
             made = as_obj(
                 path,
                 self.source.named,
-                self.meshes,
+                meshes,
                 carried,
-                self.materials,
+                materials,
                 given,
                 image=image,
             )
@@ -144,9 +171,9 @@ class Document:
         _only_set(uv_set, sets)
         document, buffer = as_gltf(
             path.stem,
-            self.meshes,
+            meshes,
             carried,
-            self.materials,
+            materials,
             given,
             image=image,
             uv_set=uv_set or 0,
@@ -162,9 +189,13 @@ class Document:
         image: Bytes | None = None,
         uv_set: int | None = None,
         baked: Baked | None = None,
+        pages: Pages | None = None,
+        tiles: Sequence[Mapping[str, Bytes]] | None = None,
     ) -> tuple[str, ...]:
         """Write what `with_uv` returns, whole or not at all, and return its notes."""
-        contents = self.with_uv(path, uvs, image=image, uv_set=uv_set, baked=baked)
+        contents = self.with_uv(
+            path, uvs, image=image, uv_set=uv_set, baked=baked, pages=pages, tiles=tiles
+        )
         write_contents(contents, Path(path))
         return contents.notes
 

@@ -21,10 +21,17 @@ from .gltf_pictures import drop_pictures
 from .gltf_slots import NewAccessor, NewView, settle
 from .looks import SLOTS, Baked
 from .mesh import Cut
+from .paged import Pages, Part, indices_of, split_primitives
 from .picture import kind_of, png
 from .polygons import split_corners, split_vertices
 
 __all__ = ["with_uv"]
+
+# The material of what has none: glTF takes a missing metallicFactor for 1, dark metal.
+_PLAIN = {
+    "name": "atlas",
+    "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
+}
 
 
 def with_uv(
@@ -37,6 +44,7 @@ def with_uv(
     embed: bool = False,
     cuts: Sequence[Cut] | None = None,
     baked: Baked | None = None,
+    pages: Pages | None = None,
 ) -> tuple[Json, bytes]:
     """Write texture coordinates of the corners into a document.
 
@@ -65,6 +73,8 @@ def with_uv(
     baked : Baked, optional
         Pictures in place of the textures of the materials, and of the colours of vertices, which
         become the attribute `_COLOR_0`. Tangents of the old coordinates go with their normal maps.
+    pages : Pages, optional
+        Several textures, instead of an image: primitives are split by page.
 
     Returns
     -------
@@ -80,26 +90,39 @@ def with_uv(
         _check_set(document, groups, uv_set)
     at = 0 if uv_set is None else uv_set
     shared = _shared_positions(document)
+    parts: list[Part] = []
     for number, (group, uv) in enumerate(zip(groups, uvs, strict=True)):
         single = (uv * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)
         start = 0
         for part in group:
             primitive = document["meshes"][part.mesh]["primitives"][part.primitive]
             end = start + len(part.corners)
+            mine = slice(start, end)
             if cuts is None:
-                _write(gltf, primitive, part.corners, single[start:end], at, shared)
+                indices = _write(gltf, primitive, part.corners, single[mine], at, shared)
             else:
                 cut = cuts[number]
                 mine = slice(*np.searchsorted(cut.corners[:, 0], [start, end]))
                 points = part.corners[cut.corners[mine] - start], cut.weights[mine]
-                _write_cut(gltf, primitive, *points, single[mine], at)
+                indices = _write_cut(gltf, primitive, *points, single[mine], at)
+            if pages is not None and len(indices):
+                of = pages.of[number][mine.start // 3 : mine.stop // 3]
+                parts.append(Part(part.mesh, part.primitive, indices, of))
             start = end
+    if pages is not None:
+        _drop_what_is_baked(document, groups, pages.baked)
+        numbers = split_primitives(document, parts, pages, at, _PLAIN)
+        for page, of_page in enumerate(pages.baked):
+            _replace_textures(
+                document, of_page, at, {a: b for (a, k), b in numbers.items() if k == page}
+            )
     if baked is not None:
         image = baked.images["base"]
     if image is not None:
         _paint(document, groups, png(image), at)
     if baked is not None:
-        _replace_textures(document, groups, baked, at)
+        _drop_what_is_baked(document, groups, [baked])
+        _replace_textures(document, baked, at, {})
         drop_pictures(gltf.json, document)
     if embed:
         _embed(gltf, document)
@@ -178,8 +201,11 @@ def _shared_positions(document: Json) -> set[int]:
 
 def _write(
     gltf: Gltf, primitive: Json, corners: Ints, uv: Rows, uv_set: int, shared: set[int]
-) -> None:
-    """Give a primitive its coordinates, and vertices of its own if it has seams."""
+) -> Ints:
+    """Give a primitive its coordinates, and vertices of its own if it has seams.
+
+    Returns the vertices of its triangles.
+    """
     attributes = primitive["attributes"]
     position = attributes["POSITION"]
     count = gltf.json["accessors"][position]["count"]
@@ -195,21 +221,25 @@ def _write(
                 if accessor not in made:
                     made[accessor] = _repeated(gltf, accessor, origin)
                 holder[name] = made[accessor]
-        primitive["indices"] = _indices(new, len(origin))
+        primitive["indices"] = indices_of(new)
         if primitive.get("mode", 4) != 4:
             primitive["mode"] = 4
     # The attributes keep the order of the file.
     attributes[f"TEXCOORD_{uv_set}"] = NewAccessor(
         {"componentType": 5126, "type": "VEC2"}, values.astype("<f4"), "vertices"
     )
+    return new
 
 
 def _write_cut(
     gltf: Gltf, primitive: Json, vertices: Ints, weights: Floats, uv: Rows, uv_set: int
-) -> None:
-    """Give a primitive new triangles, whose corners lie between three of its vertices each."""
+) -> Ints:
+    """Give a primitive new triangles, whose corners lie between three of its vertices each.
+
+    Returns the vertices of its triangles.
+    """
     if not len(vertices):
-        return
+        return np.zeros(0, dtype=np.int64)
     vertices = np.where(weights > 0, vertices, -1)
     order = np.argsort(vertices, axis=1)
     vertices = np.take_along_axis(vertices, order, axis=1)
@@ -231,11 +261,12 @@ def _write_cut(
                         values = _renormalised(values)
                     made[accessor] = _accessor(gltf, accessor, values)
             holder[name] = made[accessor]
-    primitive["indices"] = _indices(new, len(first))
+    primitive["indices"] = indices_of(new)
     primitive["mode"] = 4
     primitive["attributes"][f"TEXCOORD_{uv_set}"] = NewAccessor(
         {"componentType": 5126, "type": "VEC2"}, uv[first].astype("<f4"), "vertices"
     )
+    return new
 
 
 def _interpolated(values: Rows, vertices: Ints, weights: Floats, nearest: Ints) -> Rows:
@@ -257,16 +288,6 @@ def _renormalised(values: Rows) -> Rows:
     length = np.linalg.norm(values[:, :3], axis=1, keepdims=True)
     values[:, :3] = np.divide(values[:, :3], length, out=values[:, :3].copy(), where=length > 0)
     return values
-
-
-def _indices(new: Ints, count: int) -> NewAccessor:
-    # 65535 restarts a strip.
-    small = count <= 65535
-    return NewAccessor(
-        {"componentType": 5123 if small else 5125, "type": "SCALAR"},
-        new.astype("<u2" if small else "<u4")[:, None],
-        "indices",
-    )
 
 
 def _repeated(gltf: Gltf, accessor: int, origin: Ints) -> NewAccessor:
@@ -315,9 +336,12 @@ def _paint(
 
 
 def _replace_textures(
-    document: Json, groups: tuple[tuple[Triangles, ...], ...], baked: Baked, uv_set: int
+    document: Json, baked: Baked, uv_set: int, numbers: dict[int | None, int]
 ) -> None:
-    """Make pictures the other textures of the materials, and drop what went into them."""
+    """Make pictures the other textures of the materials.
+
+    `numbers` has the places of those materials that are elsewhere now.
+    """
     for slot, image in baked.images.items():
         if slot == "base":
             continue
@@ -326,7 +350,7 @@ def _replace_textures(
         )
         document["textures"].append({"source": len(document["images"]) - 1})
         for number in baked.materials[slot]:
-            holder = document["materials"][number]
+            holder = document["materials"][numbers.get(number, number)]
             *path, key = SLOTS[slot]
             for step in path:
                 holder = holder[step]
@@ -337,26 +361,30 @@ def _replace_textures(
                 del reference["extensions"]
             if slot == "normal":
                 reference.pop("scale", None)
+
+
+def _drop_what_is_baked(
+    document: Json, groups: tuple[tuple[Triangles, ...], ...], baked: Sequence[Baked]
+) -> None:
+    """Drop what went into pictures: colours of vertices, and tangents of the old coordinates."""
+    if not baked:
+        return
+    turned = {number for each in baked for number in each.materials.get("normal", ())}
     for part in (part for group in groups for part in group):
         primitive = document["meshes"][part.mesh]["primitives"][part.primitive]
         for holder in (primitive["attributes"], *primitive.get("targets", [])):
             if "COLOR_0" in holder:
                 holder["_COLOR_0"] = holder.pop("COLOR_0")
-            if primitive["material"] in baked.materials.get("normal", ()):
+            if primitive.get("material") in turned:
                 holder.pop("TANGENT", None)
 
 
 def _plain(materials: list[Json]) -> int:
     """The material of what has none."""
-    plain = {
-        "name": "atlas",
-        # glTF takes a missing metallicFactor for 1: dark metal.
-        "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
-    }
     for k, material in enumerate(materials):
         if material.get("name") == "atlas" and "baseColorTexture" in material.get(
             "pbrMetallicRoughness", {}
         ):
             return k
-    materials.append(plain)
+    materials.append(copy.deepcopy(_PLAIN))
     return len(materials) - 1

@@ -183,7 +183,7 @@ def plain_looks(materials: tuple[Material, ...]) -> tuple[Look, ...]:
             matrix = np.array([[su, 0.0, u], [0.0, sv, 1.0 - sv - v]])
             wrap = ("clamp", "clamp") if placed.clamp else ("repeat", "repeat")
             data = texture.data if texture else None
-            textures["base"] = TextureUse(name, data, material.uv_set, matrix, wrap)
+            textures["base"] = TextureUse(name, data, material.uv_set or 0, matrix, wrap)
         colour = linear_light(np.array(material.colour[:3]))
         looks.append(Look((*colour.tolist(), material.colour[3]), textures))
     return tuple(looks)

@@ -116,12 +116,15 @@ class Placement:
 
 @dataclass(frozen=True)
 class Material:
-    """What formats have in common of a material; the texture is None where it is missing."""
+    """What formats have in common of a material; the texture is None where it is missing.
+
+    Its set of texture coordinates is None where it is seen through those that are written.
+    """
 
     name: str
     colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     texture: Image | None = None
-    uv_set: int = 0
+    uv_set: int | None = 0
     metallic: float = 0.0
     roughness: float = 1.0
     missing: str = ""

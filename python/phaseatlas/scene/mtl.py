@@ -127,14 +127,18 @@ def mtl_bytes(
     materials : iterable of (str, Material)
         By the names that the OBJ file uses.
     texture : str, optional
-        File of the base colour of all of them, which takes the place of their colours.
+        File of the base colour of all of them, which takes the place of their colours; without it
+        those have one that are seen through the coordinates of the OBJ file.
     encoding : str, default "utf-8"
         Of the names, as in the OBJ file.
     """
     lines = []
     for name, material in materials:
         red, green, blue, opacity = material.colour
-        if texture is not None:
+        picture = texture
+        if picture is None and material.uv_set is None and material.texture is not None:
+            picture = material.texture.name
+        if picture is not None:
             red = green = blue = 1.0
         lines += [
             f"newmtl {name}",
@@ -144,7 +148,7 @@ def mtl_bytes(
             "Ns 1",
             f"d {opacity:.6g}",
             "illum 1",
-            *([] if texture is None else [f"map_Kd {texture}"]),
+            *([] if picture is None else [f"map_Kd {picture}"]),
             "",
         ]
     return "\n".join(lines).encode(encoding, "replace")

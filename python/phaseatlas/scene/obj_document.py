@@ -27,6 +27,7 @@ from .obj_text import (
     read_text,
     statements,
 )
+from .paged import Pages, paged
 from .picture import png
 
 __all__ = ["ObjSource", "free_stem", "read_obj_source"]
@@ -114,11 +115,14 @@ class ObjSource:
         image: Bytes | None,
         uv_set: int | None,
         baked: Baked | None = None,
+        pages: Pages | None = None,
     ) -> Contents:
         """Return the file with new texture coordinates, and the files that it names."""
         uv = np.empty((len(self.vertices), 2))
         for place, values in zip(self.places, uvs, strict=True):
             uv[place] = values
+        if pages is not None:
+            return self._paged(path, uv, pages)
         if image is not None:
             return self._painted(path, uv, image)
         files: dict[Path, bytes] = {}
@@ -160,6 +164,39 @@ class ObjSource:
             {
                 path.with_name(texture): png(image),
                 path.with_name(f"{stem}.mtl"): mtl_bytes(materials, texture, charset),
+                path: with_vt(self.text, uv, header),
+            }
+        )
+
+    def _paged(self, path: Path, uv: Floats, pages: Pages) -> Contents:
+        """Return the file with a material for each page of each old one."""
+        stem = free_stem(path, self.named)
+        meshes, materials = paged(self.meshes, self.materials, pages, stem)
+        material = np.empty(len(self.vertices), dtype=np.int64)
+        for place, mesh in zip(self.places, meshes, strict=True):
+            material[place] = np.repeat(mesh.material_of, mesh.sizes)
+        line = corner_indices(self.text)[0]
+        first = np.flatnonzero(np.diff(line, prepend=-1))
+        change = first[np.flatnonzero(np.diff(material[first], prepend=-1))]
+        charset = self.text.charset
+        encoded = [m.name.encode(charset, "replace") for m in materials]
+        header = Header(
+            dropped=tuple(k for k, _, _ in statements(self.text, (b"mtllib", b"usemtl"))),
+            top=(f"mtllib {stem}.mtl".encode(charset, "replace"),),
+            before={
+                int(at): b"usemtl " + encoded[number]
+                for at, number in zip(line[change], material[change], strict=True)
+            },
+        )
+        pictures = {
+            m.texture.name: m.texture.data for m in materials if m.texture and m.uv_set is None
+        }
+        return Contents(
+            {
+                **{path.with_name(name): data for name, data in pictures.items()},
+                path.with_name(f"{stem}.mtl"): mtl_bytes(
+                    [(m.name, m) for m in materials], None, charset
+                ),
                 path: with_vt(self.text, uv, header),
             }
         )

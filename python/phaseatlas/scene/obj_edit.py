@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..arrays import Bools, Bytes, Floats, Ints
-from .obj_text import ELEMENT, FACE, TEXTURE, ObjText, blocks, fields
+from .obj_text import ELEMENT, FACE, TEXTURE, ObjText, blocks, fields, read_text
 
 __all__ = ["Header", "vt_lines", "with_vt"]
 
@@ -18,10 +18,11 @@ _DIGITS = 8
 
 @dataclass(frozen=True)
 class Header:
-    """Lines that go, and lines without ends that stand before all."""
+    """Lines that go, and lines without ends that stand before all, or before lines of faces."""
 
     dropped: tuple[int, ...] = ()
     top: tuple[bytes, ...] = ()
+    before: dict[int, bytes] = field(default_factory=dict)
 
 
 def with_vt(text: ObjText, uv: Floats, header: Header | None = None) -> bytes:
@@ -54,11 +55,24 @@ def with_vt(text: ObjText, uv: Floats, header: Header | None = None) -> bytes:
         pieces.append(piece)
         done += count
     data = b"".join(pieces)
+    if header.before:
+        data = _with_lines(data, np.searchsorted(faces, list(header.before)), header, line_end)
     if done != len(uv):
         raise ValueError(f"{done} corners of faces were found in the text, not {len(uv)}")
     if text.encoding is not None:
         data = data.decode("utf-8").encode(text.encoding)
     return text.prefix + data
+
+
+def _with_lines(data: bytes, ordinals: Ints, header: Header, line_end: bytes) -> bytes:
+    """Put lines before some of the lines of faces, which are given by their order."""
+    text = read_text(data)
+    places = text.starts[np.flatnonzero(text.kinds == FACE)[ordinals]].tolist()
+    pieces, done = [], 0
+    for place, line in zip(places, header.before.values(), strict=True):
+        pieces += [data[done:place], line, line_end]
+        done = place
+    return b"".join([*pieces, data[done:]])
 
 
 def _line_end(text: ObjText) -> bytes:

@@ -59,9 +59,26 @@ class _Faces:
     normals: Floats
     tangents: Floats
 
+    def of(self, faces: Ints) -> _Faces:
+        """Some of them."""
+        return _Faces(
+            self.uv[faces],
+            self.material[faces],
+            [uv[faces] for uv in self.old],
+            self.colours[faces],
+            self.points[faces],
+            self.normals[faces],
+            self.tangents[faces],
+        )
+
 
 def rebake(
-    document: Document, scene: Scene, uvs: Sequence[Floats], *, resolution: int = 1024
+    document: Document,
+    scene: Scene,
+    uvs: Sequence[Floats],
+    *,
+    resolution: int = 1024,
+    faces: Ints | None = None,
 ) -> Baked:
     """Bake the textures of a file in new texture coordinates of its corners.
 
@@ -79,6 +96,8 @@ def rebake(
         For each mesh the new coordinates at its corners, v up.
     resolution : int, default 1024
         Side of the pictures in texels.
+    faces : (k,) array of int, optional
+        Faces of the scene on the page to bake; by default all.
 
     Returns
     -------
@@ -94,15 +113,17 @@ def rebake(
     ):
         raise MemoryError(f"resolution: {resolution} takes more memory than there is to rebake")
     looks, linear = looks_of(document)
-    faces = _faces(document, scene, uvs, linear=linear)
+    drawn = _faces(document, scene, uvs, linear=linear)
+    if faces is not None:
+        drawn = drawn.of(faces)
     side = resolution * _SAMPLES
-    cover, _ = _core.rasterize(np.ascontiguousarray(faces.uv), side)
+    cover, _ = _core.rasterize(np.ascontiguousarray(drawn.uv), side)
     cover = cover.reshape(side, side)
     notes: list[str] = []
     pictures: dict[tuple[str, int], tuple[TextureUse, Picture]] = {}
-    for number in np.unique(faces.material[faces.material >= 0]).tolist():
+    for number in np.unique(drawn.material[drawn.material >= 0]).tolist():
         for slot, use in looks[number].textures.items():
-            picture = _readable(faces, number, slot, use, side, notes)
+            picture = _readable(drawn, number, slot, use, side, notes)
             if picture is not None:
                 pictures[slot, number] = use, picture
     images, materials = {}, {}
@@ -112,7 +133,7 @@ def rebake(
         if slot != "base" and not numbers:
             continue
         mine = {number: pictures[slot, number] for number in numbers}
-        values, painted = _painted(cover, resolution, _sampler(slot, faces, looks, mine), faces.uv)
+        values, painted = _painted(cover, resolution, _sampler(slot, drawn, looks, mine), drawn.uv)
         if nearest is None:
             nearest = _nearest(painted)
         if slot in _COLOURS:

@@ -19,6 +19,7 @@ from .gltf_meshes import Triangles, corners_of
 from .looks import Baked
 from .mesh import Contents, Corners, Cut, Material, Mesh
 from .obj_document import free_stem
+from .paged import Pages
 from .picture import png
 from .ply import ply_of, ply_with_uv
 from .ply_elements import Ply
@@ -47,6 +48,7 @@ class Source(Protocol):
         image: Bytes | None,
         uv_set: int | None,
         baked: Baked | None = None,
+        pages: Pages | None = None,
     ) -> Contents: ...
 
 
@@ -82,6 +84,7 @@ class GltfSource:
         image: Bytes | None,
         uv_set: int | None,
         baked: Baked | None = None,
+        pages: Pages | None = None,
         cuts: Sequence[Cut] | None = None,
     ) -> Contents:
         """Return the document with new texture coordinates; a GLB takes its images in."""
@@ -95,6 +98,7 @@ class GltfSource:
             embed=embed,
             cuts=cuts,
             baked=baked,
+            pages=pages,
         )
         return gltf_files(path, document, buffer, self.folder, embedded=self.gltf.embedded)
 
@@ -132,6 +136,7 @@ class LooseSource:
         image: Bytes | None,
         uv_set: int | None,
         baked: Baked | None = None,
+        pages: Pages | None = None,
     ) -> Contents:
         """Return a PLY file with all properties that were read."""
         if self.elements is None:
@@ -192,11 +197,12 @@ class CutSource:
         image: Bytes | None,
         uv_set: int | None,
         baked: Baked | None = None,
+        pages: Pages | None = None,
     ) -> Contents:
         """Return a glTF document with the new meshes."""
         if not isinstance(self.source, GltfSource):
             raise ValueError(f"path: {path} must be written as another format")
-        return self.source.rewrite(path, uvs, image, uv_set, baked, self.cuts)
+        return self.source.rewrite(path, uvs, image, uv_set, baked, pages, self.cuts)
 
 
 def as_ply(

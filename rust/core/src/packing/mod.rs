@@ -20,12 +20,37 @@ use rayon::prelude::*;
 use crate::error::{Error, Result, check_length};
 use piece::Piece;
 
+/// The least distance of two pieces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Gap {
+    /// As a share of the side of the square.
+    Share(f64),
+    /// In the units of the points, whatever the side becomes.
+    Length(f64),
+}
+
+impl Gap {
+    /// The gap where pieces, `scale` times as large, reach over an extent: the side without it.
+    fn at(self, scale: f64, extent: f64) -> f64 {
+        match self {
+            Self::Share(share) => share * extent / (1.0 - share),
+            Self::Length(length) => length * scale,
+        }
+    }
+
+    fn value(self) -> f64 {
+        match self {
+            Self::Share(value) | Self::Length(value) => value,
+        }
+    }
+}
+
 /// Lays triangles into the unit square, piece by piece, without overlap.
 ///
 /// `points` are the corners that `triangles` name, `piece` says which piece each triangle belongs
-/// to. `padding` is the least distance of two pieces as a share of the side of the square; half of
-/// it is kept free along the border. The result holds the corners of the triangles in [0, 1]^2: those of a piece
-/// turned and moved, all pieces scaled alike. It does not depend on the number of threads.
+/// to. `padding` is the least distance of two pieces; half of it is kept free along the border. The
+/// result holds the corners of the triangles in [0, 1]^2: those of a piece turned and moved, all
+/// pieces scaled alike. It does not depend on the number of threads.
 ///
 /// # Errors
 /// A point that is not finite, an index out of range, a padding that leaves no room for so many
@@ -34,7 +59,7 @@ pub fn pack(
     points: &[[f64; 2]],
     triangles: &[[i64; 3]],
     piece: &[i64],
-    padding: f64,
+    padding: Gap,
 ) -> Result<Vec<[[f64; 2]; 3]>> {
     check_length("piece", piece.len(), triangles.len())?;
     if let Some(index) = points.as_flattened().iter().position(|x| !x.is_finite()) {
@@ -54,12 +79,15 @@ pub fn pack(
         .par_iter()
         .map(|faces| Piece::new(points, triangles, faces))
         .collect();
-    let most = most_padding(pieces.len());
-    if !(0.0..=most).contains(&padding) {
+    let most = match padding {
+        Gap::Share(_) => most_padding(pieces.len()),
+        Gap::Length(_) => f64::MAX,
+    };
+    if !(0.0..=most).contains(&padding.value()) {
         return Err(Error::OutsideRange {
             argument: "padding",
             index: 0,
-            value: padding,
+            value: padding.value(),
             low: 0.0,
             high: most,
         });
@@ -112,7 +140,7 @@ mod tests {
     #[test]
     fn squares_fill_the_square() {
         let (points, triangles, piece) = squares(16);
-        let uv = pack(&points, &triangles, &piece, 0.0).unwrap();
+        let uv = pack(&points, &triangles, &piece, Gap::Share(0.0)).unwrap();
         let area = |[a, b, c]: [[f64; 2]; 3]| {
             0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
         };
@@ -131,16 +159,40 @@ mod tests {
         for count in [1, 2, 50] {
             let (points, triangles, piece) = squares(count);
             let padding = most_padding(count);
-            let uv = pack(&points, &triangles, &piece, padding).unwrap();
+            let uv = pack(&points, &triangles, &piece, Gap::Share(padding)).unwrap();
             assert!(uv.iter().all(|corners| corners[0] != corners[1]));
-            assert!(pack(&points, &triangles, &piece, 1.01 * padding).is_err());
+            assert!(pack(&points, &triangles, &piece, Gap::Share(1.01 * padding)).is_err());
+        }
+    }
+
+    #[test]
+    fn a_gap_as_a_length_is_kept_in_the_units_of_the_points() {
+        for (count, length) in [(2, 0.3), (9, 0.05), (30, 4.0), (500, 0.1), (500, 20.0)] {
+            let (points, triangles, piece) = squares(count);
+            let uv = pack(&points, &triangles, &piece, Gap::Length(length)).unwrap();
+            let side = |[a, b, _]: [[f64; 2]; 3]| (b[0] - a[0]).hypot(b[1] - a[1]);
+            let scale = side(uv[0]);
+            let centres: Vec<[f64; 2]> = uv
+                .chunks(2)
+                .map(|faces| [0, 1].map(|k| 0.5 * (faces[0][0][k] + faces[0][2][k])))
+                .collect();
+            // Inscribed circles have twice half a side between their centres, and the gap.
+            for (i, a) in centres.iter().enumerate() {
+                for b in &centres[..i] {
+                    let apart = (a[0] - b[0]).hypot(a[1] - b[1]);
+                    assert!(apart >= scale * (1.0 + length) * (1.0 - 1e-6), "{apart}");
+                }
+            }
+            // No other squares would fill more than a grid of them, turned or not.
+            let cells = (count as f64).sqrt().ceil();
+            assert!(scale * cells * (1.0 + length) > 0.75, "{count}: {scale}");
         }
     }
 
     #[test]
     fn nothing_is_no_layout() {
         assert_eq!(
-            pack(&[], &[], &[], 0.0).unwrap(),
+            pack(&[], &[], &[], Gap::Share(0.0)).unwrap(),
             Vec::<[[f64; 2]; 3]>::new()
         );
     }

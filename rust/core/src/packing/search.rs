@@ -6,6 +6,7 @@ use std::hash::Hash;
 
 use rayon::prelude::*;
 
+use super::Gap;
 use super::mask::Mask;
 use super::piece::{Piece, turn};
 use super::separate::{self, Task};
@@ -79,15 +80,14 @@ impl Layout {
 }
 
 /// The densest layout found whose pieces are `padding` of the side apart.
-pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
+pub(super) fn search(pieces: &[Piece], padding: Gap) -> Result<Layout> {
     let cells = CELLS.max((CELLS_PER_PIECE * (pieces.len() as f64).sqrt()).ceil() as usize);
-    // The side and the gap together are the square.
-    let gap = padding * cells as f64 / (1.0 - padding);
-    let (scale, stock, first) = largest_scale(pieces, cells, gap).ok_or(Error::Parameter {
+    let no_room = || Error::Parameter {
         argument: "padding",
-        value: padding,
+        value: padding.value(),
         expected: "less: it leaves no room for the pieces",
-    })?;
+    };
+    let (scale, stock, first) = largest_scale(pieces, cells, padding).ok_or_else(no_room)?;
     let angles = ANGLES
         .into_iter()
         .find(|&(most, _)| pieces.len() <= most)
@@ -95,7 +95,7 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
     let stock = if angles == 1 {
         stock
     } else {
-        Stock::new(pieces, angles, scale, gap)
+        Stock::new(pieces, angles, scale, padding.at(scale, cells as f64))
     };
     let spots = improve(&stock, pieces, &first);
     let mut places = Vec::with_capacity(pieces.len());
@@ -119,7 +119,7 @@ pub(super) fn search(pieces: &[Piece], padding: f64) -> Result<Layout> {
         places,
         scale,
         side: extent,
-        gap: padding * extent / (1.0 - padding),
+        gap: padding.at(scale, extent),
     })
 }
 
@@ -129,12 +129,17 @@ fn separated(
     places: &[Place],
     scale: f64,
     extent: f64,
-    padding: f64,
+    padding: Gap,
 ) -> Option<Layout> {
     let step = ROUNDING * pieces.iter().map(Piece::reach).fold(0.0, f64::max);
     let rounded: Vec<Piece> = pieces.par_iter().map(|piece| piece.rounded(step)).collect();
     let unit = f64::from((scale * step / extent) as f32);
-    let task = Task::new(&rounded, unit, padding, ROUNDING_SLACK);
+    let padding_of_task = match padding {
+        // The units of the rounded pieces are steps.
+        Gap::Length(length) => Gap::Length(length / step),
+        share @ Gap::Share(_) => share,
+    };
+    let task = Task::new(&rounded, unit, padding_of_task, ROUNDING_SLACK);
     let poses: Vec<Pose> = task
         .shapes
         .iter()
@@ -185,7 +190,7 @@ fn separated(
         places,
         scale,
         side,
-        gap: padding * side / (1.0 - padding),
+        gap: padding.at(scale, side),
     })
 }
 
@@ -239,14 +244,14 @@ impl Stock {
 }
 
 /// The largest scale at which a bisection lets the pieces into the square, and their spots there.
-fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Stock, Outcome)> {
+fn largest_scale(pieces: &[Piece], cells: usize, padding: Gap) -> Option<(f64, Stock, Outcome)> {
     let plan = Plan {
         order: by_size(pieces),
         rule: Rule::Top,
         turns: vec![u32::MAX; pieces.len()],
     };
     let fitted = |scale: f64| {
-        let stock = Stock::new(pieces, 1, scale, gap);
+        let stock = Stock::new(pieces, 1, scale, padding.at(scale, cells as f64));
         let outcome = plan.run(&stock, pieces, cells, 0.0);
         (outcome.left == 0.0).then_some((scale, stock, outcome))
     };
@@ -263,11 +268,19 @@ fn largest_scale(pieces: &[Piece], cells: usize, gap: f64) -> Option<(f64, Stock
             .iter()
             .map(|piece| piece.sides[0] + piece.sides[1])
             .sum();
-        let half = 0.5 * gap * mean / area;
-        let room = (FILL * (cells as f64).powi(2) - gap * gap * pieces.len() as f64) / area;
-        high = high
-            .min((half * half + room.max(0.0)).sqrt() - half)
-            .max(0.6 / longest);
+        let count = pieces.len() as f64;
+        let filled = match padding {
+            Gap::Share(_) => {
+                let gap = padding.at(1.0, cells as f64);
+                let half = 0.5 * gap * mean / area;
+                let room = (FILL * (cells as f64).powi(2) - gap * gap * count) / area;
+                (half * half + room.max(0.0)).sqrt() - half
+            }
+            Gap::Length(gap) => {
+                cells as f64 * (FILL / (area + gap * mean + gap * gap * count)).sqrt()
+            }
+        };
+        high = high.min(filled).max(0.6 / longest);
     }
     let mut best = fitted(high);
     while quick && best.is_some() {

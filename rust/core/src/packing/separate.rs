@@ -8,6 +8,7 @@
 
 use rayon::prelude::*;
 
+use super::Gap;
 use super::piece::Piece;
 use super::shape::{Pose, Shape};
 use crate::lbfgs::LimitedMemory;
@@ -48,16 +49,21 @@ pub(super) struct Arrangement {
 /// The pieces and what is to be kept.
 pub(super) struct Task {
     pub(super) shapes: Vec<Shape>,
-    /// Share of the side between pieces.
-    padding: f64,
+    /// Least distance between pieces.
+    padding: Gap,
+    /// Of the units of the pieces to those of poses.
+    scale: f64,
     /// Distance added to the gap, for what the shapes leave out.
     slack: f64,
 }
 
 impl Task {
     /// `scale` is that of a layout whose extent is 1.
-    pub(super) fn new(pieces: &[Piece], scale: f64, padding: f64, slack: f64) -> Self {
-        let reach = 1.1 * padding / (1.0 - padding) + 2.0 * MARGIN;
+    pub(super) fn new(pieces: &[Piece], scale: f64, padding: Gap, slack: f64) -> Self {
+        let reach = match padding {
+            Gap::Share(share) => 1.1 * share / (1.0 - share),
+            Gap::Length(length) => 1.1 * length * scale,
+        } + 2.0 * MARGIN;
         let shapes = pieces
             .par_iter()
             .map(|piece| Shape::new(piece, scale, SPACING, reach))
@@ -65,6 +71,7 @@ impl Task {
         Self {
             shapes,
             padding,
+            scale,
             slack,
         }
     }
@@ -90,7 +97,7 @@ impl Task {
     }
 
     fn gap(&self, extent: f64) -> f64 {
-        self.padding * extent / (1.0 - self.padding)
+        self.padding.at(self.scale, extent)
     }
 }
 
