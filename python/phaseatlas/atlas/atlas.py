@@ -23,6 +23,7 @@ from .bake import Texture, bake, blend_vertices, checker
 from .charts import Chart, Layout
 from .domains import blending_weights, domains, piece_domain, pieces, sharp_weights, split
 from .flatten import FLATTENINGS, Flattening, Map, chart, flatten, spread
+from .kept import warn_of_cuts
 from .metrics import CURE, Flaws, atlas_metrics, flaws
 from .outlines import Outlines, outlines
 from .overlap import save_charts
@@ -241,8 +242,9 @@ def build_atlas(
     Warns
     -----
     QualityWarning
-        Where segments had to be split, texels are covered twice, or more than 2 % of the area has
-        less than a tenth of the mean texel density; the figures are in `diagnostics`.
+        Where segments had to be split, a region to keep had to be cut, texels are covered twice, or
+        more than 2 % of the area has less than a tenth of the mean texel density; the figures are
+        in `diagnostics`.
     """
     segmentation = tree.at(tree.levels) if isinstance(tree, SegmentTree) else tree
     if flatten not in (None, *FLATTENINGS):
@@ -261,6 +263,7 @@ def build_atlas(
     atlas = Atlas(segmentation.surface, segmentation.labels, charts, uv)
     for flaw in atlas.diagnostics.sentences():
         quality.warn(flaw)
+    warn_of_cuts(segmentation.surface, uv)
     return atlas
 
 

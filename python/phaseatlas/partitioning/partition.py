@@ -20,6 +20,7 @@ from .. import _core
 from ..arrays import Ints
 from ..quality import warn
 from ..scene.scene import Scene
+from ..seam_costs import with_seam_cost
 from ..segmentation import SceneSegmentation, Segmentation
 from ..surface import Surface
 from .levels import Level, levels_of
@@ -98,6 +99,9 @@ def partition(  # type: ignore[overload-overlap]
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     progress: Callable[[Phase], object] | None = None,
 ) -> SceneSegmentation: ...
 
@@ -111,6 +115,9 @@ def partition(
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     progress: Callable[[Phase], object] | None = None,
 ) -> Partition: ...
 
@@ -123,6 +130,9 @@ def partition(
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     progress: Callable[[Phase], object] | None = None,
 ) -> Partition | SceneSegmentation:
     """Cut a surface into the charts that cost least in seam, cuts and distortion together.
@@ -147,6 +157,9 @@ def partition(
         How many perturbations are tried.
     seed : int, default 0
         Seed of the perturbations. Equal inputs give equal charts for any number of threads.
+    seam_cost, keep, creases : optional
+        Where seams may run, as in `with_seam_cost`; they and the cuts cost the factors times their
+        lengths.
     progress : callable, optional
         Called with the `Phase` so far after each group of moves; a true answer stops the work.
 
@@ -168,6 +181,7 @@ def partition(
         Where a bound is not met.
     """
     check_options(distortion, max_distortion, max_charts, effort, seed)
+    surface = with_seam_cost(surface, seam_cost, keep=keep, creases=creases)
 
     def of_piece(piece: Surface, most: int | None) -> Partition:
         return _partition(piece, distortion, max_distortion, most, effort, seed, progress)
