@@ -30,6 +30,7 @@ from .scene.document import read_document, write_contents
 from .scene.mesh import Contents
 from .scene.rebake import has_textures, rebake
 from .scene.scene import NoAreaError, Scene, no_places, scene_file, scene_in
+from .scene.wishes import Wishes, granted
 from .segmentation import Options, SceneSegmentation
 from .segmentation.options import Initial, Law
 from .segmentation.segment import segment
@@ -42,6 +43,7 @@ _PAGE = ".html"
 # Options of one of the two ways to charts, which mean nothing to the other.
 _OF_THE_TREE = ("connected", "law", "area", "epsilon", "solver", "initial")
 _OF_THE_PARTITION = ("max_distortion", "max_charts", "effort")
+_OF_SEAMS = ("seam_cost", "seams", "keep", "creases")
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,8 @@ class AtlasOptions:
         An `.svg` or `.dxf` file for the outlines of the flat segments, as `Outlines.save` does.
     unit : {"mm", "cm", "m", "in", "ft"}, optional
         Of the lengths of the mesh; m for a glTF file, else mm by default.
+    seam_cost, seams, keep, creases
+        Where seams may run; see `scene.wishes.Wishes`.
 
     Raises
     ------
@@ -116,6 +120,10 @@ class AtlasOptions:
     charts: str | PathLike[str] | None = None
     outlines: str | PathLike[str] | None = None
     unit: str | None = None
+    seam_cost: str | None = None
+    seams: str | PathLike[str] | None = None
+    keep: tuple[str, ...] = ()
+    creases: float | None = None
 
     def __post_init__(self) -> None:
         defaults = type(self).__dataclass_fields__
@@ -140,6 +148,7 @@ class AtlasOptions:
             raise ValueError(f"flatten: {self.flatten!r} must be one of {FLATTENINGS}")
         check_resolution(self.resolution)
         check_packing(self.padding, self.resolution)
+        self.wishes()
         if self.by_tree:
             Options(**self.of_tree())
         else:
@@ -168,6 +177,11 @@ class AtlasOptions:
             "seed": self.seed,
             **{name: getattr(self, name) for name in _OF_THE_TREE},
         }
+
+    def wishes(self) -> Wishes:
+        """Where seams may run."""
+        seams = None if self.seams is None else Path(self.seams)
+        return Wishes(self.seam_cost, seams, self.keep, self.creases)
 
     def given(self) -> dict[str, Any]:
         """Values that are not the defaults, as JSON can hold them."""
@@ -394,6 +408,7 @@ def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopen
         return _written(result, contents, words)
     if not options.cut:
         scene.file = scene_file(result.source)
+    scene = granted(document, scene, options.wishes())
     segmentation = (
         segment(
             scene, options.levels, shares=options.shares, progress=progress, **options.of_tree()
@@ -413,6 +428,7 @@ def _check_solved(options: AtlasOptions) -> None:
         "distortion",
         "weld",
         "seed",
+        *_OF_SEAMS,
         *_OF_THE_TREE,
         *_OF_THE_PARTITION,
     ):

@@ -305,9 +305,8 @@ class Surface(Pictured):
         """
         if not (np.isfinite(factor) and factor > 0):
             raise ValueError(f"factor: {factor} must be a positive number")
-        return _accepted(
-            self.vertices * factor, self.faces, self.seam_costs, self.vertex_seam_costs
-        )
+        costs = self.seam_costs, self.vertex_seam_costs
+        return _accepted(self.vertices * factor, self.faces, *costs)
 
     def with_seam_costs(
         self, seam_costs: ArrayLike | None, vertex_seam_costs: ArrayLike | None = None

@@ -36,6 +36,10 @@ def atlas(
     weld: options.Weld = 0.0,
     cut: options.Cut = False,
     uv_set: options.UvSet = None,
+    seam_cost: options.SeamCost = None,
+    seams: options.Seams = None,
+    keep: options.Keep = None,
+    creases: options.Creases = None,
     texture: options.Texture = None,
     rebake: options.Rebake = False,
     resolution: options.Resolution = 1024,
@@ -95,6 +99,10 @@ def atlas(
         charts=charts,
         outlines=outlines,
         unit=unit,
+        seam_cost=seam_cost,
+        seams=seams,
+        keep=tuple(keep or ()),
+        creases=creases,
     )
     with progress(levels) if options_of_file.by_tree else phases() as report:
         made = atlas_file(mesh, output, options_of_file, progress=report)
