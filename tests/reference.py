@@ -211,6 +211,28 @@ def weighted_perimeter(vertices, faces, u, epsilon, weight, eta=0.0, sigma=None)
     return value, gradient
 
 
+def costed_perimeter(vertices, faces, u, epsilon, cost, weight=None, eta=0.0, sigma=1.0):
+    """(5) or, with a weight, (7), all integrands times the factor `cost` on the length of seams."""
+    w = np.ones(len(vertices)) if weight is None else weight
+    factor = cost * (w + (0.0 if weight is None else eta))
+    s = weighted_stiffness(vertices, faces, factor)
+    m = lumped_mass(vertices, faces)
+    outside = m * cost * (1.0 - w) / sigma
+    value = 0.5 * epsilon * u @ (s @ u) + m @ (factor * psi(u)) / epsilon + outside @ u**2
+    gradient = epsilon * (s @ u) + m * factor * psi_derivative(u) / epsilon + 2.0 * outside * u
+    return value, gradient
+
+
+def costed_perimeter_hessian(vertices, faces, u, epsilon, cost, weight=None, eta=0.0, sigma=1.0):
+    """Second derivatives of `costed_perimeter`, (n, n)."""
+    w = np.ones(len(vertices)) if weight is None else weight
+    factor = cost * (w + (0.0 if weight is None else eta))
+    m = lumped_mass(vertices, faces)
+    well = m * factor * psi_second_derivative(u) / epsilon
+    outside = 2.0 * m * cost * (1.0 - w) / sigma
+    return epsilon * weighted_stiffness(vertices, faces, factor) + np.diag(well + outside)
+
+
 def perimeter_hessian(vertices, faces, u, epsilon):
     """Second derivatives of (5), (n, n)."""
     m = lumped_mass(vertices, faces)

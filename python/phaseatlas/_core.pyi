@@ -94,6 +94,7 @@ class Perimeter:
         weight: NDArray[np.float64] | None = None,
         eta: float = 0.0,
         sigma: float = 1.0,
+        seam_cost: NDArray[np.float64] | None = None,
     ) -> Perimeter: ...
     def value_and_gradient(self, u: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]: ...
     def hessian(

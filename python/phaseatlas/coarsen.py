@@ -49,11 +49,11 @@ def coarsen(surface: Surface, n_faces: int | None = None) -> Transfer | None:
     Returns
     -------
     Transfer or None
-        To the simplified surface. Values go forward as the mean over the vertices that have
-        collapsed to one, and backward as the value of the vertex that a vertex has collapsed to,
-        averaged over the vertex and its neighbours. None where that leaves no surface, such as
-        where handles are thinner than the new edges, where it leaves about as many faces, or where
-        there are few faces already.
+        To the simplified surface, whose seam costs are at its vertices. Values go forward as the
+        mean over the vertices that have collapsed to one, and backward as the value of the vertex
+        that a vertex has collapsed to, averaged over the vertex and its neighbours. None where
+        that leaves no surface, such as where handles are thinner than the new edges, where it
+        leaves about as many faces, or where there are few faces already.
     """
     if surface.n_faces < _FEWEST_FACES:
         return None
@@ -92,10 +92,15 @@ def reduced(surface: Surface, n_faces: int) -> tuple[Surface, Ints]:
     Returns
     -------
     simplified : Surface
+        Its seam costs are at the vertices, the means over those that have collapsed to one.
     parents : (m,) array of int
         Its face for each face of the given one, as `Transfer.parent_face`, sought nearby.
     """
     simplified, collapsed_to = surface.simplified(n_faces)
+    if surface.diffuse_seam_costs is not None:
+        n = simplified.n_vertices
+        sums = np.bincount(collapsed_to, surface.diffuse_seam_costs, minlength=n)
+        simplified = simplified.with_seam_costs(None, sums / np.bincount(collapsed_to, minlength=n))
     return simplified, _core.parents(surface._mesh, simplified._mesh, collapsed_to, NORMALS)
 
 
@@ -105,6 +110,9 @@ def _transfer(surface: Surface, coarse: Surface, used: Ints, collapsed_to: Ints)
     injection = scipy.sparse.csr_array(
         (np.ones(len(found)), (found, position)), shape=(surface.n_vertices, len(used))
     )
+    forward = _with_row_sums_1(scipy.sparse.csr_array(injection.T))
+    if surface.diffuse_seam_costs is not None:
+        coarse = coarse.with_seam_costs(None, forward @ surface.diffuse_seam_costs)
     with_neighbours = surface.adjacency + scipy.sparse.eye_array(surface.n_vertices, format="csr")
     prolongation = with_neighbours @ injection
     while np.any(np.diff(prolongation.indptr) == 0):
@@ -112,7 +120,7 @@ def _transfer(surface: Surface, coarse: Surface, used: Ints, collapsed_to: Ints)
     return Transfer(
         surface,
         coarse,
-        forward=_with_row_sums_1(scipy.sparse.csr_array(injection.T)),
+        forward=forward,
         backward=_with_row_sums_1(prolongation),
     )
 

@@ -42,9 +42,9 @@ def cut_along_seams(
     Returns
     -------
     Transfer
-        To the cut surface. Its `forward` has the two vertices of the edge of each new vertex, its
-        `origin_face` the face that each face is a part of, and its `corners` interpolate what has
-        values at the corners of the source's faces.
+        To the cut surface, whose seam costs are at its vertices. Its `forward` has the two vertices
+        of the edge of each new vertex, its `origin_face` the face that each face is a part of, and
+        its `corners` interpolate what has values at the corners of the source's faces.
     Segmentation or Partition
         The labels of the cut surface; of a partition, with its diagnostics of before. Weights that
         were given are interpolated, others are made anew.
@@ -72,6 +72,8 @@ def cut_along_seams(
     positions = forward @ surface.vertices
     faces, origin, labels = _pieces(surface, segmentation.labels, seams, positions)
     target = Surface(positions, faces)
+    if surface.diffuse_seam_costs is not None:
+        target = target.with_seam_costs(None, forward @ surface.diffuse_seam_costs)
     backward = scipy.sparse.eye_array(n, n + p, format="csr")
     weights = None
     if segmentation.weights_given:

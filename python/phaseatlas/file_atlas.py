@@ -31,6 +31,7 @@ from .scene.document import check_suffix, read_document, write_contents
 from .scene.mesh import Contents
 from .scene.rebake import has_textures
 from .scene.scene import NoAreaError, Scene, no_places, scene_file, scene_in
+from .scene.wishes import Wishes, granted
 from .segmentation import Options, SceneSegmentation
 from .segmentation.options import Initial, Law
 from .segmentation.segment import segment
@@ -41,6 +42,7 @@ _PAGE = ".html"
 # Options of one of the two ways to charts, which mean nothing to the other.
 _OF_THE_TREE = ("connected", "law", "area", "epsilon", "solver", "initial")
 _OF_THE_PARTITION = ("max_distortion", "max_charts", "effort", "symmetry")
+_OF_SEAMS = ("seam_cost", "seams", "keep", "creases")
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,8 @@ class AtlasOptions:
         An `.svg` or `.dxf` file for the outlines of the flat segments, as `Outlines.save` does.
     unit : {"mm", "cm", "m", "in", "ft"}, optional
         Of the lengths of the mesh; m for a glTF file, else mm by default.
+    seam_cost, seams, keep, creases
+        Where seams may run; see `scene.wishes.Wishes`.
 
     Raises
     ------
@@ -129,6 +133,10 @@ class AtlasOptions:
     udim: bool = False
     symmetry: Axis | None = None
     stack: bool = False
+    seam_cost: str | None = None
+    seams: str | PathLike[str] | None = None
+    keep: tuple[str, ...] = ()
+    creases: float | None = None
 
     def __post_init__(self) -> None:
         defaults = type(self).__dataclass_fields__
@@ -159,6 +167,7 @@ class AtlasOptions:
         packing = PackOptions(**self.of_packing())
         if self.density is None:
             check_resolution(packing.side)
+        self.wishes()
         if self.by_tree:
             Options(**self.of_tree())
         else:
@@ -193,6 +202,11 @@ class AtlasOptions:
         """Options of `PackOptions`."""
         names = ("padding", "resolution", "mips", "density", "pages")
         return {name: getattr(self, name) for name in names}
+
+    def wishes(self) -> Wishes:
+        """Where seams may run."""
+        seams = None if self.seams is None else Path(self.seams)
+        return Wishes(self.seam_cost, seams, self.keep, self.creases)
 
     def given(self) -> dict[str, Any]:
         """Values that are not the defaults, as JSON can hold them."""
@@ -442,6 +456,7 @@ def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopen
     PackOptions(**options.of_packing()).check_area(scene.area)
     if not options.cut:
         scene.file = scene_file(result.source)
+    scene = granted(document, scene, options.wishes())
     segmentation = (
         segment(
             scene, options.levels, shares=options.shares, progress=progress, **options.of_tree()
@@ -461,6 +476,7 @@ def _check_solved(options: AtlasOptions) -> None:
         "distortion",
         "weld",
         "seed",
+        *_OF_SEAMS,
         *_OF_THE_TREE,
         *_OF_THE_PARTITION,
     ):

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from .arrays import Floats
+from .checks import positive
 from .surface import Surface
 
 __all__ = [
@@ -96,12 +97,15 @@ class Perimeter:
         Added to `weight`, equation (7).
     sigma : float, default 1
         The penalty on u outside the parent is (1 - weight) u^2 / sigma, equation (7).
+    seam_cost : (n,) array_like of float, optional
+        Positive factor on the length of the interface at the vertices. All integrands take it, and
+        the sharp limit is sqrt(2) times its integral along the interface.
 
     Raises
     ------
     ValueError
         For `epsilon` or `sigma` not positive, `eta` negative, `weight` of another shape or
-        outside [0, 1].
+        outside [0, 1], `seam_cost` of another shape or not positive.
     """
 
     def __init__(
@@ -112,11 +116,17 @@ class Perimeter:
         weight: ArrayLike | None = None,
         eta: float = 0.0,
         sigma: float = 1.0,
+        seam_cost: ArrayLike | None = None,
     ) -> None:
         self._surface = surface
         self._weight = None if weight is None else surface.vector("weight", weight)
+        self._seam_cost = (
+            None if seam_cost is None else positive("seam_cost", seam_cost, surface.n_vertices)
+        )
         self._epsilon, self._eta, self._sigma = epsilon, eta, sigma
-        self._core = _core.Perimeter(surface._mesh, epsilon, self._weight, eta, sigma)
+        self._core = _core.Perimeter(
+            surface._mesh, epsilon, self._weight, eta, sigma, self._seam_cost
+        )
 
     def value_and_gradient(self, u: ArrayLike) -> tuple[float, Floats]:
         """Return the value and the (n,) gradient at the (n,) phase field `u`."""
@@ -154,16 +164,19 @@ class Perimeter:
             self._epsilon * self._surface.stiffness_diagonal + 4.5 / self._epsilon * mass
         )
         diagonal += 2 / self._sigma * (1 - inside) * mass
-        return diagonal
+        return diagonal if self._seam_cost is None else diagonal * self._seam_cost
 
     def length(self, u: ArrayLike) -> float:
         """Return the length of the interface of the (n,) phase field `u`.
 
         It is the perimeter without the penalty outside the parent, over sqrt(2), the constant of
-        the sharp limit.
+        the sharp limit. With a `seam_cost` it is the integral of that along the interface.
         """
         field = self._surface.vector("u", u)
-        confinement = (1 - self._inside()) @ (self._surface.mass * field**2)
+        outside = 1 - self._inside()
+        if self._seam_cost is not None:
+            outside = outside * self._seam_cost
+        confinement = outside @ (self._surface.mass * field**2)
         value, _ = self._core.value_and_gradient(field)
         return float(value - confinement / self._sigma) / float(np.sqrt(2))
 

@@ -82,10 +82,13 @@ def refine(surface: Surface, longest: float) -> Transfer:
         vertices = np.vstack([vertices, 0.5 * (vertices[pairs[:, 0]] + vertices[pairs[:, 1]])])
         ends.append(pairs)
     forward = _interpolation(surface.n_vertices, ends)
-    costs = _inherited_costs(surface, faces, origin, forward)
+    costs, at_vertices = (
+        _inherited_costs(surface, faces, origin, forward),
+        surface.vertex_seam_costs,
+    )
     return Transfer(
         surface,
-        _accepted(vertices, faces, costs),
+        _accepted(vertices, faces, costs, None if at_vertices is None else forward @ at_vertices),
         forward=forward,
         backward=scipy.sparse.eye_array(surface.n_vertices, len(vertices), format="csr"),
         origin_face=origin,

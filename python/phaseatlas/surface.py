@@ -11,7 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from .arrays import Bools, Floats, Ints
+from .checks import matrix, vector
+from .normals import face_normals, vertex_normals
 from .notebook import Pictured
+from .seam_factors import at_edges, at_interfaces, check_factors
 
 __all__ = ["Surface"]
 
@@ -32,6 +35,8 @@ class Surface(Pictured):
     ----------
     seam_costs : (m, 3) array or None
         Factor on the length of a seam along each edge, see `with_seam_costs`; None for 1.
+    vertex_seam_costs : (n,) array or None
+        Another factor, linear in each face, at the vertices; None for 1.
 
     Raises
     ------
@@ -51,13 +56,17 @@ class Surface(Pictured):
         *,
         accepted: bool,
         pieces: bool = False,
-        seam_costs: Floats | None = None,
+        costs: tuple[Floats | None, Floats | None] = (None, None),
     ) -> None:
-        self.vertices: Floats = _matrix("vertices", vertices, np.float64)
-        self.faces: Ints = _matrix("faces", faces, np.int64)
-        self.seam_costs = seam_costs
+        self.vertices: Floats = matrix("vertices", vertices, np.float64)
+        self.faces: Ints = matrix("faces", faces, np.int64)
+        self.seam_costs, self.vertex_seam_costs = costs
         self._mesh = _core.TriangleMesh(
-            self.vertices, self.faces, accepted=accepted, pieces=pieces, seam_costs=seam_costs
+            self.vertices,
+            self.faces,
+            accepted=accepted,
+            pieces=pieces,
+            seam_costs=self.total_seam_costs,
         )
         self.vertices.flags.writeable = False
         self.faces.flags.writeable = False
@@ -69,7 +78,7 @@ class Surface(Pictured):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _accepted, (self.vertices, self.faces, self.seam_costs)
+        return _accepted, (self.vertices, self.faces, self.seam_costs, self.vertex_seam_costs)
 
     @property
     def n_vertices(self) -> int:
@@ -127,20 +136,14 @@ class Surface(Pictured):
         return _read_only(self._mesh.mass())
 
     @cached_property
+    def face_normals(self) -> Floats:
+        """Unit normals of the faces, (m, 3)."""
+        return _read_only(face_normals(self.vertices, self.faces))
+
+    @cached_property
     def vertex_normals(self) -> Floats:
         """Unit normals at the vertices, the mean of their faces by area, (n, 3)."""
-        corners = self.vertices[self.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        sums: Floats = np.stack(
-            [
-                np.bincount(self.faces.reshape(-1), weights, minlength=self.n_vertices)
-                for weights in np.repeat(normals, 3, axis=0).T
-            ],
-            axis=1,
-        ).astype(np.float64)
-        # A spike may have no mean normal.
-        sums /= np.linalg.norm(sums, axis=1, keepdims=True) + np.finfo(float).tiny
-        return _read_only(sums)
+        return _read_only(vertex_normals(self.vertices, self.faces))
 
     @cached_property
     def angle_defects(self) -> Floats:
@@ -161,6 +164,16 @@ class Surface(Pictured):
     def face_neighbours(self) -> Ints:
         """Face across edge (f[k], f[(k + 1) % 3]), -1 at the boundary, (m, 3)."""
         return _read_only(self._mesh.neighbours())
+
+    @cached_property
+    def total_seam_costs(self) -> Floats | None:
+        """Factor on the length of a seam along each edge, all in all, (m, 3); None for 1."""
+        return at_edges(self.faces, self.seam_costs, self.vertex_seam_costs)
+
+    @cached_property
+    def diffuse_seam_costs(self) -> Floats | None:
+        """Factor on the length of a diffuse interface at each vertex, (n,); None for 1."""
+        return at_interfaces(self.faces, self.seam_costs, self.vertex_seam_costs, self.n_vertices)
 
     @cached_property
     def face_quality(self) -> Floats:
@@ -292,24 +305,30 @@ class Surface(Pictured):
         """
         if not (np.isfinite(factor) and factor > 0):
             raise ValueError(f"factor: {factor} must be a positive number")
-        return _accepted(self.vertices * factor, self.faces, self.seam_costs)
+        costs = self.seam_costs, self.vertex_seam_costs
+        return _accepted(self.vertices * factor, self.faces, *costs)
 
-    def with_seam_costs(self, seam_costs: ArrayLike) -> Surface:
-        """Return the surface with a factor on the length of a seam along each edge.
+    def with_seam_costs(
+        self, seam_costs: ArrayLike | None, vertex_seam_costs: ArrayLike | None = None
+    ) -> Surface:
+        """Return the surface with factors on the length of seams, in place of those that it has.
 
         Parameters
         ----------
-        seam_costs : (m, 3) array_like of float
+        seam_costs : (m, 3) array_like of float or None
             Positive factor of edge (f[k], f[(k + 1) % 3]) of each face f; the larger one of its two
-            faces counts. No seam runs along an edge whose factor is infinite.
+            faces counts. No seam runs along an edge whose factor is infinite. None for 1.
+        vertex_seam_costs : (n,) array_like of float, optional
+            Another positive factor, linear in each face, at the vertices. An edge has the mean of
+            its ends.
 
         Raises
         ------
         ValueError
             For another shape, or a factor that is not positive.
         """
-        costs = np.ascontiguousarray(seam_costs, dtype=np.float64)
-        return _accepted(self.vertices, self.faces, costs)
+        costs = check_factors(seam_costs, vertex_seam_costs, self.n_faces, self.n_vertices)
+        return _accepted(self.vertices, self.faces, *costs)
 
     def simplified(self, n_faces: int) -> tuple[Surface, NDArray[np.uint32]]:
         """Collapse edges until so many faces are left, or more where none can go.
@@ -317,7 +336,7 @@ class Surface(Pictured):
         Returns
         -------
         Surface
-            Of the same genus, with the same boundary loops.
+            Of the same genus, with the same boundary loops and no seam costs.
         (n,) array of uint32
             Its vertex that each vertex has collapsed to.
         """
@@ -345,19 +364,18 @@ class Surface(Pictured):
             For faces that form no surface, as where two of them touch at a vertex alone.
         """
         vertices, corners = np.unique(self.faces[faces], return_inverse=True)
-        costs = None if self.seam_costs is None else self.seam_costs[faces]
-        return _accepted(self.vertices[vertices], corners.reshape(-1, 3), costs), vertices
+        costs, at_vertices = self.seam_costs, self.vertex_seam_costs
+        part = _accepted(
+            self.vertices[vertices],
+            corners.reshape(-1, 3),
+            None if costs is None else costs[faces],
+            None if at_vertices is None else at_vertices[vertices],
+        )
+        return part, vertices
 
     def vector(self, argument: str, values: ArrayLike) -> Floats:
         """Check and convert one finite value a vertex; `argument` names it in the error."""
-        array = np.ascontiguousarray(values, dtype=np.float64)
-        if np.shape(values) != (self.n_vertices,):
-            raise ValueError(f"{argument}: shape {np.shape(values)} must be ({self.n_vertices},)")
-        finite = np.isfinite(array)
-        if not finite.all():
-            index = int(np.argmin(finite))
-            raise ValueError(f"{argument}[{index}]: {array[index]} is not a finite number")
-        return array
+        return vector(argument, values, self.n_vertices)
 
     def _symmetric(self, edge_values: Floats, diagonal: Floats | None = None) -> Any:
         """CSR matrix of one value an edge; its rows sum to 0 without a `diagonal`.
@@ -379,25 +397,18 @@ class Surface(Pictured):
         return -sums.astype(np.float64)
 
 
-def _accepted(vertices: Floats, faces: Ints, seam_costs: Floats | None = None) -> Surface:
+def _accepted(
+    vertices: Floats,
+    faces: Ints,
+    seam_costs: Floats | None = None,
+    vertex_seam_costs: Floats | None = None,
+) -> Surface:
     """Surface of faces that were accepted before, which scaling may have made thinner."""
     surface = Surface.__new__(Surface)
-    surface._build(vertices, faces, accepted=True, seam_costs=seam_costs)
+    surface._build(vertices, faces, accepted=True, costs=(seam_costs, vertex_seam_costs))
     return surface
 
 
 def _read_only(array: Array) -> Array:
     array.flags.writeable = False
     return array
-
-
-def _matrix(argument: str, values: ArrayLike, dtype: Any) -> Any:
-    array = np.asarray(values)
-    if array.size and (array.ndim != 2 or array.shape[1] != 3):
-        raise ValueError(f"{argument}: shape {array.shape} must be (k, 3)")
-    if array.size and not (
-        np.issubdtype(array.dtype, np.integer)
-        or (dtype is np.float64 and np.issubdtype(array.dtype, np.floating))
-    ):
-        raise ValueError(f"{argument}: dtype {array.dtype} must be {np.dtype(dtype).name}")
-    return np.array(array, dtype=dtype, order="C").reshape(-1, 3)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Floats, Ints
+from .arrays import Bools, Floats, Ints
 from .atlas import Atlas, build_atlas
 from .atlas.flatten import Flattening
 from .atlas.metrics import Flaws
@@ -16,8 +16,10 @@ from .atlas.pages import PackOptions
 from .notebook import Pictured
 from .partitioning.partition import DISTORTION, Effort, partition
 from .partitioning.symmetry import Axis
+from .scene.opened import half_edges, opened
 from .scene.repair import RepairReport, repair
 from .scene.scene import Scene, polygons_of
+from .seam_costs import mask, with_seam_cost
 from .segmentation import Segmentation, SegmentTree, segment
 from .surface import Surface
 
@@ -103,6 +105,10 @@ def unwrap(
     udim: bool = False,
     symmetry: Axis | None = None,
     stack: bool = False,
+    seam_cost: ArrayLike | None = None,
+    seams: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
 ) -> Unwrapped:
     """Give every corner of any triangles or polygons its place in a texture.
 
@@ -128,6 +134,16 @@ def unwrap(
         Put the corners of page k into UDIM tile 1001 + k, and not all into [0, 1].
     stack : bool, default False
         Lay the charts of one half over their mirror images; with `symmetry` alone.
+    seam_cost : (n,) or (m, 3) array_like of float, optional
+        Positive factor on the length of a seam at each vertex, as in `with_seam_cost`; with faces
+        (m, 3), or for a surface or scene, also along each of their edges.
+    seams : (k, 2) array_like of int, optional
+        Vertices at the ends of edges that must be cut. The surface is opened along them first. A
+        single edge inside that meets no other one and no boundary cannot be opened.
+    keep : array_like of int or bool, optional
+        Polygons between which no seam runs, by their numbers or as a mask.
+    creases : float, optional
+        Edges whose faces turn by more than this angle, in degrees, cost a fifth.
 
     Returns
     -------
@@ -137,19 +153,30 @@ def unwrap(
     ------
     ValueError
         For an option or polygons that cannot be used, and where no face has an area.
+
+    Warns
+    -----
+    QualityWarning
+        For `seams` that cannot be opened.
     """
     shape: tuple[int, ...] = (-1, 2)
     if isinstance(vertices, Surface):
         if faces is not None:
             raise ValueError("faces: value must be left out for a surface")
-        surface: Surface = vertices
+        surface: Surface = with_seam_cost(vertices, seam_cost, keep=keep, creases=creases)
+        if seams is not None:
+            if not isinstance(surface, Scene):
+                shape = (surface.n_faces, 3, 2)
+            surface = _opened(surface, half_edges(surface.faces, seams, surface.n_vertices))
     else:
         if faces is None:
             raise ValueError("faces: value must be given with vertices")
         corners, sizes = polygons_of(faces)
         if sizes.size and (isinstance(faces, np.ndarray) or (sizes == sizes[0]).all()):
             shape = (len(sizes), int(sizes[0]), 2)
-        surface = Scene([("", repair(vertices, corners, sizes, weld=weld))])
+        scene = Scene([("", repair(vertices, corners, sizes, weld=weld))])
+        surface = _wished(scene, corners, sizes, len(np.asarray(vertices)), seam_cost, seams, keep)
+        surface = with_seam_cost(surface, creases=creases)
     if stack and symmetry is None:
         raise ValueError("stack: value must be given with symmetry alone")
     PackOptions(padding, resolution, mips, density, pages).check_area(surface.area)
@@ -181,6 +208,47 @@ def unwrap(
         stack=symmetry if stack else None,
     )
     return unwrapped(atlas, shape, udim=udim)
+
+
+def _opened(surface: Surface, edges: Bools) -> Scene:
+    """A surface or scene opened along edges, as a scene."""
+    if isinstance(surface, Scene):
+        return opened(surface, edges)
+    # An oriented manifold comes back as it is.
+    scene = Scene([("", repair(surface.vertices, surface.faces))])
+    return opened(scene.with_seam_costs(surface.seam_costs, surface.vertex_seam_costs), edges)
+
+
+def _wished(
+    scene: Scene,
+    corners: Ints,
+    sizes: Ints,
+    n: int,
+    seam_cost: ArrayLike | None,
+    seams: ArrayLike | None,
+    keep: ArrayLike | None,
+) -> Scene:
+    """The scene of polygons with what is wished of its seams, by their vertices and numbers."""
+    repaired = scene.meshes[0].repaired
+    if seam_cost is not None:
+        costs = np.asarray(seam_cost, dtype=np.float64)
+        legal = ((n,), (len(sizes), 3)) if (sizes == 3).all() else ((n,),)
+        if costs.shape not in legal:
+            allowed = " or ".join(map(str, legal))
+            raise ValueError(f"seam_cost: shape {costs.shape} must be {allowed}")
+        if costs.ndim == 2:
+            # Edge k of a polygon lies between its corners k and k + 1, in either winding.
+            a, b = repaired.corner % 3, np.roll(repaired.corner, -1, axis=1) % 3
+            edge = np.where((a + 1) % 3 == b, a, b)
+            costs = np.take_along_axis(costs[repaired.polygon], edge, axis=1)
+        else:
+            costs = costs[repaired.source_vertex]
+        scene = with_seam_cost(scene, costs)
+    if keep is not None:
+        scene = with_seam_cost(scene, keep=mask("keep", keep, len(sizes))[repaired.polygon])
+    if seams is None:
+        return scene
+    return opened(scene, half_edges(corners[repaired.corner], seams, n))
 
 
 def unwrapped(atlas: Atlas, shape: tuple[int, ...] = (-1, 2), *, udim: bool = False) -> Unwrapped:

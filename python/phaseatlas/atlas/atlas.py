@@ -24,6 +24,7 @@ from .bake import Texture, bake, blend_vertices, checker
 from .charts import Chart, Layout
 from .domains import blending_weights, piece_domain, pieces, sharp_weights, split
 from .flatten import FLATTENINGS, Flattening, Map, chart, flatten
+from .kept import warn_of_cuts
 from .metrics import CURE, Flaws, atlas_metrics, flaws
 from .outlines import Outlines, outlines
 from .overlap import save_charts
@@ -282,8 +283,9 @@ def build_atlas(
     Warns
     -----
     QualityWarning
-        Where segments had to be split, texels are covered twice, or more than 2 % of the area has
-        less than a tenth of the mean texel density; the figures are in `diagnostics`.
+        Where segments had to be split, a region to keep had to be cut, texels are covered twice, or
+        more than 2 % of the area has less than a tenth of the mean texel density; the figures are
+        in `diagnostics`.
     """
     segmentation = tree.at(tree.levels) if isinstance(tree, SegmentTree) else tree
     if flatten not in (None, *FLATTENINGS):
@@ -314,6 +316,7 @@ def build_atlas(
     )
     for flaw in atlas.diagnostics.sentences():
         quality.warn(flaw)
+    warn_of_cuts(surface, made.uv)
     return atlas
 
 

@@ -38,6 +38,10 @@ def atlas(
     weld: options.Weld = 0.0,
     cut: options.Cut = False,
     uv_set: options.UvSet = None,
+    seam_cost: options.SeamCost = None,
+    seams: options.Seams = None,
+    keep: options.Keep = None,
+    creases: options.Creases = None,
     texture: options.Texture = None,
     rebake: options.Rebake = False,
     resolution: options.Resolution = None,
@@ -107,6 +111,10 @@ def atlas(
         density=density,
         pages=pages,
         udim=udim,
+        seam_cost=seam_cost,
+        seams=seams,
+        keep=tuple(keep or ()),
+        creases=creases,
     )
     with progress(levels) if options_of_file.by_tree else phases() as report:
         made = atlas_file(mesh, output, options_of_file, progress=report)

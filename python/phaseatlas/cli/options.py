@@ -14,6 +14,7 @@ __all__ = [
     "AtlasLevels",
     "Charts",
     "Connected",
+    "Creases",
     "Cut",
     "Density",
     "Distortion",
@@ -26,6 +27,7 @@ __all__ = [
     "Formulation",
     "Initial",
     "Json",
+    "Keep",
     "Levels",
     "MaxCharts",
     "MaxDistortion",
@@ -38,6 +40,8 @@ __all__ = [
     "Quiet",
     "Rebake",
     "Resolution",
+    "SeamCost",
+    "Seams",
     "Seed",
     "SegmentLevels",
     "Shares",
@@ -136,6 +140,41 @@ Initial = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of what is random.")]
+
+# Where seams may run.
+SeamCost = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Vertex attribute of a PLY or glTF file: factors on the length of seams, cheap where "
+        "they may run; COLOR_0 is the red of vertex colours.",
+        show_default="1",
+    ),
+]
+Seams = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Edges that must be cut: a text file with a path of vertex numbers from 0 in each "
+        "line, or an OBJ file with l elements.",
+    ),
+]
+Keep = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="FACES",
+        help="A region without seams: a material, a mesh, a property of PLY faces, or a text file "
+        "of polygon numbers from 0. May be given several times.",
+    ),
+]
+Creases = Annotated[
+    float | None,
+    typer.Option(
+        metavar="ANGLE",
+        help="Make edges sharper than this cheap for seams, in degrees.",
+        show_default="none",
+    ),
+]
 
 # Of the charts by energy.
 AtlasLevels = Annotated[

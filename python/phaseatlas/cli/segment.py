@@ -36,6 +36,10 @@ def segment(
     solver: options.Solver = "lbfgs",
     initial: options.Initial = "auto",
     seed: options.Seed = 0,
+    seam_cost: options.SeamCost = None,
+    seams: options.Seams = None,
+    keep: options.Keep = None,
+    creases: options.Creases = None,
     strict: options.Strict = False,
 ) -> Record:
     """Segment a mesh into 2^levels connected segments of equal area, or by --shares.
@@ -48,7 +52,9 @@ def segment(
         raise ValueError("shares: value must not be given with levels")
     levels = 3 if levels is None and parts is None else levels
     from ..io import save_ply
+    from ..scene.document import read_document
     from ..scene.scene import load_scene
+    from ..scene.wishes import Wishes, granted
     from ..segmentation import Options, SegmentTree
 
     others: dict[str, Any] = {
@@ -62,9 +68,13 @@ def segment(
         "seed": seed,
     }
     Options(**others)
+    wishes = Wishes(seam_cost, seams, tuple(keep or ()), creases)
     scene = load_scene(mesh)
-    # A file of one piece has a tree of its own.
+    if wishes:
+        scene = granted(read_document(mesh), scene, wishes)
+    # A file of one piece has a tree of its own, unless it was opened.
     alone = len(scene.pieces) == 1 and not any(m.repaired.report.aside for m in scene.meshes)
+    alone &= seams is None
     segments: SegmentTree | SceneSegmentation = (
         segmented(scene.pieces[0].surface, levels, shares=parts, **others)
         if alone

@@ -13,10 +13,12 @@ from time import perf_counter
 from typing import Literal, get_args, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import _core
 from ..arrays import Ints
 from ..scene.scene import Scene
+from ..seam_costs import with_seam_cost
 from ..segmentation import SceneSegmentation, Segmentation
 from ..surface import Surface
 from .levels import Level, levels_of
@@ -78,6 +80,9 @@ def partition(  # type: ignore[overload-overlap]
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     progress: Callable[[Phase], object] | None = None,
     symmetry: Axis | None = None,
 ) -> SceneSegmentation: ...
@@ -92,6 +97,9 @@ def partition(
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     progress: Callable[[Phase], object] | None = None,
     symmetry: Axis | None = None,
 ) -> Partition: ...
@@ -105,6 +113,9 @@ def partition(
     max_charts: int | None = None,
     effort: Effort = "normal",
     seed: int = 0,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     progress: Callable[[Phase], object] | None = None,
     symmetry: Axis | None = None,
 ) -> Partition | SceneSegmentation:
@@ -130,13 +141,16 @@ def partition(
         How many perturbations are tried.
     seed : int, default 0
         Seed of the perturbations. Equal inputs give equal charts for any number of threads.
+    seam_cost, keep, creases : optional
+        Where seams may run, as in `with_seam_cost`; they and the cuts cost the factors times their
+        lengths.
     progress : callable, optional
         Called with the `Phase` so far after each group of moves; a true answer stops the work.
     symmetry : {"x", "y", "z"}, optional
         Cut the surface along the plane across this axis on whose two sides it is the same, and give
         one half the mirror images of the charts of the other. Polygons across the plane are on one
-        side whole; what has no image has charts of its own. `max_charts` is shared out evenly, and
-        the diagnostics are none.
+        side whole; what has no image has charts of its own. `max_charts` is shared out evenly,
+        seams cost what they do on one half, and the diagnostics are none.
 
     Returns
     -------
@@ -157,6 +171,7 @@ def partition(
         Where a bound is not met.
     """
     check_options(distortion, max_distortion, max_charts, effort, seed, symmetry)
+    surface = with_seam_cost(surface, seam_cost, keep=keep, creases=creases)
     if symmetry is not None:
         return _symmetric(
             surface,

@@ -25,7 +25,8 @@ class Phase:
         Faces of the surface that it was done on; the first phases work on a simplified one.
     energy : float
     seam, cuts : float
-        Lengths between charts and of the cuts that open them, in roots of the area.
+        Lengths between charts and of the cuts that open them, in roots of the area, times the seam
+        costs of the surface where it has some.
     distortion : float
         Mean squared log scale of the boundary-first maps.
     n_charts : int

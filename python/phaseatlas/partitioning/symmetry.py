@@ -318,4 +318,17 @@ def _scene_of(surface: Surface, faces: Ints, unit: Ints) -> tuple[Scene, Ints]:
     other = order[slot] // 3
     of = unit[repaired.polygon]
     inner = (key[slot] == end * n + start) & (of[other] == np.repeat(of, 3))
-    return Scene([("", replace(repaired, inner=inner.reshape(-1, 3)))]), repaired.polygon
+    scene = Scene([("", replace(repaired, inner=inner.reshape(-1, 3)))])
+    of_edges, at_vertices = surface.seam_costs, surface.vertex_seam_costs
+    if of_edges is not None:
+        # Faces may have been turned over: the edge between corners a and b is a's, or else b's.
+        a = repaired.corner % 3
+        b = np.roll(a, -1, axis=1)
+        of_edges = of_edges[faces[repaired.polygon][:, None], np.where(b == (a + 1) % 3, a, b)]
+        if scene.seam_costs is not None:
+            of_edges = np.maximum(of_edges, scene.seam_costs)
+    if of_edges is not None or at_vertices is not None:
+        at_vertices = None if at_vertices is None else at_vertices[repaired.source_vertex]
+        own = scene.seam_costs if of_edges is None else of_edges
+        scene = scene.with_seam_costs(own, at_vertices)
+    return scene, repaired.polygon

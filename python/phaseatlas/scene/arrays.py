@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Ints
+from ..seam_costs import cost_arrays, with_costs
 from .repair import Aside, Repaired, RepairReport
 from .scene import Scene, SceneFile
 
@@ -35,6 +36,7 @@ def scene_arrays(scene: Scene) -> dict[str, Any]:
         "mesh_asides": np.array([len(each.aside.polygon) for each in repaired]),
         "mesh_source_vertex": np.concatenate([each.source_vertex for each in repaired]),
     }
+    arrays |= cost_arrays(scene, np.concatenate([each.inner for each in repaired]))
     for name in _OF_FACES:
         arrays[f"mesh_{name}"] = np.concatenate([getattr(each, name) for each in repaired])
     for field in fields(Aside):
@@ -67,7 +69,8 @@ def scene_of_arrays(arrays: Mapping[str, Any]) -> Scene:
         )
         meshes.append((str(name), repaired))
     path = str(arrays["source"])
-    return Scene(meshes, SceneFile(path, str(arrays["sha256"])) if path else None)
+    scene = Scene(meshes, SceneFile(path, str(arrays["sha256"])) if path else None)
+    return with_costs(scene, arrays)
 
 
 def _within(faces: Ints, vertices: slice) -> Ints:

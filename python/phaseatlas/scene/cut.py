@@ -89,6 +89,12 @@ def cut_document(
         cuts.append(cut_mesh)
         repaired.append((mesh.name, new))
     made = Scene(repaired)
+    if any(part.surface.vertex_seam_costs is not None for part, _ in found):
+        costs = np.ones(made.n_vertices)
+        for (part, _), piece in zip(found, made.pieces, strict=True):
+            if part.surface.vertex_seam_costs is not None:
+                costs[piece.vertices] = part.surface.vertex_seam_costs
+        made = made.with_seam_costs(None, costs)
     moved = [
         _moved(part, piece.surface) for (part, _), piece in zip(found, made.pieces, strict=True)
     ]

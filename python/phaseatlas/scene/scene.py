@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Floats, Ints
+from ..seam_factors import check_factors
 from ..surface import Surface
 from .document import Document, read_document
 from .mesh import Mesh
@@ -95,32 +97,38 @@ class Scene(Surface):
     file: SceneFile | None
 
     def __init__(
-        self, meshes: Sequence[tuple[str, Repaired]], file: SceneFile | None = None
+        self,
+        meshes: Sequence[tuple[str, Repaired]],
+        file: SceneFile | None = None,
+        seam_costs: Floats | None = None,
+        vertex_seam_costs: Floats | None = None,
     ) -> None:
         placed, pieces = [], []
+        inner = np.concatenate([repaired.inner for _, repaired in meshes])
+        costs = np.ones(inner.shape) if seam_costs is None else seam_costs.copy()
+        costs[inner] = _DIAGONAL
         first_face = first_vertex = 0
         for name, repaired in meshes:
             placed.append(SceneMesh(name, repaired, first_face, first_vertex))
-            costs = np.where(repaired.inner, _DIAGONAL, 1.0)
             for part in components(repaired):
                 surface = part.surface
-                if repaired.inner[part.faces].any():
-                    surface = surface.with_seam_costs(costs[part.faces])
-                pieces.append(
-                    Component(surface, part.faces + first_face, part.vertices + first_vertex)
-                )
+                faces, vertices = part.faces + first_face, part.vertices + first_vertex
+                at_vertices = None if vertex_seam_costs is None else vertex_seam_costs[vertices]
+                of_edges = costs[faces] if (costs[faces] != 1).any() else None
+                if of_edges is not None or at_vertices is not None:
+                    surface = surface.with_seam_costs(of_edges, at_vertices)
+                pieces.append(Component(surface, faces, vertices))
             first_face += len(repaired.faces)
             first_vertex += len(repaired.vertices)
         if not pieces:
             raise NoAreaError("faces: no face has an area")
         self.meshes, self.pieces, self.file = tuple(placed), tuple(pieces), file
-        inner = np.concatenate([mesh.repaired.inner for mesh in placed])
         self._build(
             np.concatenate([mesh.repaired.vertices for mesh in placed]),
             np.concatenate([mesh.repaired.faces + mesh.first_vertex for mesh in placed]),
             accepted=True,
             pieces=True,
-            seam_costs=np.where(inner, _DIAGONAL, 1.0) if inner.any() else None,
+            costs=(costs if (costs != 1).any() else None, vertex_seam_costs),
         )
 
     def __repr__(self) -> str:
@@ -129,8 +137,9 @@ class Scene(Surface):
             f"{self.n_vertices} vertices, {self.n_faces} faces)"
         )
 
-    def __reduce__(self) -> tuple[type[Scene], tuple[list[tuple[str, Repaired]], SceneFile | None]]:
-        return Scene, ([(mesh.name, mesh.repaired) for mesh in self.meshes], self.file)
+    def __reduce__(self) -> tuple[type[Scene], tuple[Any, ...]]:
+        meshes = [(mesh.name, mesh.repaired) for mesh in self.meshes]
+        return Scene, (meshes, self.file, self.seam_costs, self.vertex_seam_costs)
 
     @property
     def genus(self) -> int:
@@ -141,6 +150,16 @@ class Scene(Surface):
     def report(self) -> RepairReport:
         """What was repaired in all meshes."""
         return summed([mesh.repaired.report for mesh in self.meshes])
+
+    def with_seam_costs(
+        self, seam_costs: ArrayLike | None, vertex_seam_costs: ArrayLike | None = None
+    ) -> Scene:
+        """Return the scene with factors on the length of seams; see `Surface.with_seam_costs`.
+
+        The diagonals of polygons keep theirs.
+        """
+        costs = check_factors(seam_costs, vertex_seam_costs, self.n_faces, self.n_vertices)
+        return Scene([(mesh.name, mesh.repaired) for mesh in self.meshes], self.file, *costs)
 
     def corners(self, uv: ArrayLike) -> list[Floats]:
         """Carry values at the corners of the faces back to all corners of each mesh.

@@ -51,7 +51,12 @@ def halfway(node: Node, options: Options, widths: Widths, reason: str) -> Split 
     positive[faces[leaf == 0]] = True
     u = _field(node, positive)
     length = Perimeter(
-        surface, widths.epsilon, weight=node.indicator, eta=options.eta, sigma=options.sigma
+        surface,
+        widths.epsilon,
+        weight=node.indicator,
+        eta=options.eta,
+        sigma=options.sigma,
+        seam_cost=surface.diffuse_seam_costs,
     )
     area = Area(surface, widths.epsilon, delta=widths.delta, weight=node.indicator)
     target = node.share * area.total

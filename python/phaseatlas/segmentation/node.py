@@ -81,7 +81,8 @@ class Diagnostics:
     energy : float
         Weighted sum of the functionals, surface scaled to unit area.
     length : float
-        Length of the new interface in the units of the surface: perimeter / sqrt(2).
+        Length of the new interface in the units of the surface: perimeter / sqrt(2); with seam
+        costs its weighted length.
     violation : float
         Relative violation of the area constraint.
     iterations, evaluations : int

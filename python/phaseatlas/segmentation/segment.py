@@ -16,6 +16,7 @@ from ..arrays import Floats
 from ..functionals import indicator
 from ..optimise import AreaConstraint, Solver, Status
 from ..scene.scene import Scene
+from ..seam_costs import with_seam_cost
 from ..surface import Surface
 from ..transfer import Transfer
 from ..working import needles, working_surface
@@ -73,6 +74,9 @@ def segment(
     solver: Solver = Options.solver,
     max_iterations: int = Options.max_iterations,
     coarse: bool = Options.coarse,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     executor: Executor | None = None,
     progress: Report | None = None,
 ) -> SegmentTree: ...
@@ -99,6 +103,9 @@ def segment(  # type: ignore[misc]
     solver: Solver = Options.solver,
     max_iterations: int = Options.max_iterations,
     coarse: bool = Options.coarse,
+    seam_cost: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
+    creases: float | None = None,
     executor: Executor | None = None,
     progress: Report | None = None,
 ) -> SegmentTree | SceneSegmentation:
@@ -127,6 +134,10 @@ seed, solver, max_iterations, coarse
     initial : {"auto", "random", "normals"} or array
         As in `Options`, or fields of shape (n,) for the root or (segments - 1, n) for all nodes,
         level by level.
+    seam_cost, keep, creases : optional
+        Where seams may run, as in `with_seam_cost`. The perimeter takes the factors, which do not
+        tell where they are finer than `epsilon`, and the faces to keep belong to one segment each
+        connected part. The lengths of `Diagnostics` are weighted.
     executor : concurrent.futures.Executor, optional
         Runs the nodes of a level side by side; the result does not depend on it.
     progress : callable, optional
@@ -174,6 +185,7 @@ seed, solver, max_iterations, coarse
         max_iterations=max_iterations,
         coarse=coarse,
     )
+    surface = with_seam_cost(surface, seam_cost, keep=keep, creases=creases)
     if not isinstance(surface, Scene):
         parts = parts_of(surface, levels, shares)
         return _tree(surface, parts, options, initial, executor, progress)

@@ -276,7 +276,12 @@ def perimeter(grids: Grids, grid: Grid, epsilon: float) -> Perimeter:
     """The perimeter of a node on a grid, equation (9)."""
     options = grids.options
     return Perimeter(
-        grid.surface, epsilon, weight=grid.indicator, eta=options.eta, sigma=options.sigma
+        grid.surface,
+        epsilon,
+        weight=grid.indicator,
+        eta=options.eta,
+        sigma=options.sigma,
+        seam_cost=grid.surface.diffuse_seam_costs,
     )
 
 

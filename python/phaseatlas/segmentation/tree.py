@@ -17,6 +17,7 @@ from ..files import check_input, write_whole
 from ..functionals import indicator
 from ..notebook import Pictured
 from ..scene.scene import SceneFile
+from ..seam_costs import cost_arrays, with_costs
 from ..surface import Surface
 from .node import Diagnostics
 from .segmentation import Segmentation, spread_of
@@ -275,7 +276,8 @@ class SegmentTree(Pictured):
 
         The keys are vertices, faces, fields, weights, labels, levels, epsilon, delta,
         diagnostics (JSON) and format, and for each node parents, positive and shares; source and
-        sha256 (path and digest of the file that the surface was read from, empty where it was not).
+        sha256 (path and digest of the file that the surface was read from, empty where it was not);
+        seam_costs and vertex_seam_costs where the surface has them.
 
         Parameters
         ----------
@@ -291,6 +293,7 @@ class SegmentTree(Pictured):
             "source": "" if source is None else source.path,
             "sha256": "" if source is None else source.sha256,
             **tree_arrays(self),
+            **cost_arrays(self.surface),
         }
         write_arrays(path, arrays)
 
@@ -308,7 +311,9 @@ class SegmentTree(Pictured):
         return read_arrays(
             path,
             _FORMAT,
-            lambda arrays: tree_of(arrays, Surface(arrays["vertices"], arrays["faces"])),
+            lambda arrays: tree_of(
+                arrays, with_costs(Surface(arrays["vertices"], arrays["faces"]), arrays)
+            ),
         )
 
 

@@ -16,9 +16,8 @@ from ..transfer import Transfer
 
 __all__ = ["coverage", "n_units", "share_out", "splits_units", "units"]
 
-# Faces across an edge whose seam costs so much more than its length belong together: those of a
-# polygon.
-_TOGETHER = 1e3
+# What an infinite factor on the length of a seam counts for: no way around is so long.
+_FORBIDDEN = 1e6
 # What a seam costs on a sharp crease, for its length; on flat parts it costs its length.
 _ON_CREASE = 0.2
 
@@ -27,7 +26,7 @@ def units(surface: Surface) -> Ints:
     """Polygon of each face, (m,), numbered from 0: what a seam must not split."""
     if surface.seam_costs is None:
         return np.arange(surface.n_faces)
-    f, k = np.nonzero((surface.seam_costs >= _TOGETHER) & (surface.face_neighbours >= 0))
+    f, k = np.nonzero(np.isinf(surface.seam_costs) & (surface.face_neighbours >= 0))
     together = scipy.sparse.csr_array(
         (np.ones(len(f)), (f, surface.face_neighbours[f, k])),
         shape=(surface.n_faces, surface.n_faces),
@@ -145,11 +144,10 @@ def _seam_lengths(surface: Surface) -> Floats:
     """What a seam along each edge of each face costs, (m, 3): its length, less on creases."""
     corners = surface.vertices[surface.faces]
     sides = np.roll(corners, -1, axis=1) - corners
-    normals = np.cross(sides[:, 0], sides[:, 1])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + np.finfo(float).tiny
+    normals = surface.face_normals
     cosines = np.einsum("fd,fkd->fk", normals, normals[surface.face_neighbours])
     factor = _ON_CREASE + (1 - _ON_CREASE) * np.clip(cosines, 0, 1)
     lengths: Floats = np.linalg.norm(sides, axis=2) * factor
-    if surface.seam_costs is not None:
-        lengths *= np.minimum(surface.seam_costs, _TOGETHER)
+    if surface.total_seam_costs is not None:
+        lengths *= np.minimum(surface.total_seam_costs, _FORBIDDEN)
     return lengths

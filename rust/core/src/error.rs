@@ -171,6 +171,16 @@ pub enum Error {
         /// Index of the face.
         face: usize,
     },
+    /// A value that must be above 0.
+    #[error("{argument}[{index}]: {value} must be a positive number")]
+    NotPositive {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Where.
+        index: usize,
+        /// What is there.
+        value: f64,
+    },
     /// A parameter out of range.
     #[error("{argument}: {value} must be {expected}")]
     Parameter {
@@ -255,6 +265,19 @@ pub(crate) fn check_weight(argument: &'static str, values: &[f64], expected: usi
         value: values[index],
         low,
         high,
+    })
+}
+
+/// Checks factors on the length of seams: one positive number a vertex.
+pub(crate) fn check_factors(argument: &'static str, values: &[f64], expected: usize) -> Result<()> {
+    check_vector(argument, values, expected)?;
+    let Some(index) = values.iter().position(|&value| value <= 0.0) else {
+        return Ok(());
+    };
+    Err(Error::NotPositive {
+        argument,
+        index,
+        value: values[index],
     })
 }
 

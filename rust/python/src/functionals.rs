@@ -26,7 +26,7 @@ pub struct Perimeter(core::Perimeter);
 #[pymethods]
 impl Perimeter {
     #[new]
-    #[pyo3(signature = (mesh, epsilon, weight=None, eta=0.0, sigma=1.0))]
+    #[pyo3(signature = (mesh, epsilon, weight=None, eta=0.0, sigma=1.0, seam_cost=None))]
     fn new(
         py: Python<'_>,
         mesh: &TriangleMesh,
@@ -34,12 +34,18 @@ impl Perimeter {
         weight: Option<PyReadonlyArray1<'_, f64>>,
         eta: f64,
         sigma: f64,
+        seam_cost: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
         let weight = weight.as_ref().map(|w| w.as_slice()).transpose()?;
+        let cost = seam_cost.as_ref().map(|g| g.as_slice()).transpose()?;
         let surface = mesh.surface.clone();
-        detached(py, || match weight {
-            None => core::Perimeter::new(surface, epsilon),
-            Some(weight) => core::Perimeter::weighted(surface, epsilon, weight, eta, sigma),
+        detached(py, || match (weight, cost) {
+            (None, None) => core::Perimeter::new(surface, epsilon),
+            (Some(weight), None) => core::Perimeter::weighted(surface, epsilon, weight, eta, sigma),
+            (_, Some(cost)) => {
+                let parent = weight.map(|weight| core::Parent { weight, eta, sigma });
+                core::Perimeter::costed(surface, epsilon, parent, cost)
+            }
         })?
         .map(Self)
         .map_err(to_python)

@@ -10,4 +10,4 @@ pub use area::Area;
 pub use connectedness::{Connectedness, Form, Phases};
 pub use distortion::{Distortion, Formulation};
 pub use functional::Functional;
-pub use perimeter::Perimeter;
+pub use perimeter::{Parent, Perimeter};

@@ -6,7 +6,8 @@ use rayon::prelude::*;
 
 use super::functional::Functional;
 use crate::error::{
-    Result, check_length, check_non_negative, check_positive, check_vector, check_weight,
+    Result, check_factors, check_length, check_non_negative, check_positive, check_vector,
+    check_weight,
 };
 use crate::operators::Stiffness;
 use crate::parallel::{CHUNK, ordered_sum};
@@ -17,7 +18,8 @@ use crate::surface::Surface;
 /// P\[u\] = eps/2 u^T S^w u + 1/eps m^T ((w + eta) . Psi(u)) + 1/sigma m^T ((1 - w) . u^2),
 /// equations (7), (9).
 ///
-/// The sharp limit is sqrt(2) times the length of the interface.
+/// The sharp limit is sqrt(2) times the length of the interface. With a factor g on the length of
+/// seams every integrand is multiplied by g, and the limit is the integral of g along the interface.
 ///
 /// # Examples
 /// ```
@@ -43,10 +45,21 @@ pub struct Perimeter {
     surface: Arc<Surface>,
     epsilon: f64,
     stiffness: Stiffness,
-    /// m (w + eta) / eps
+    /// m g (w + eta) / eps
     well: Vec<f64>,
-    /// m (1 - w) / sigma; empty without a parent
+    /// m g (1 - w) / sigma; empty without a parent
     confinement: Vec<f64>,
+}
+
+/// What [`Perimeter::costed`] is confined to: see [`Perimeter::weighted`].
+#[derive(Debug, Clone, Copy)]
+pub struct Parent<'a> {
+    /// Indicator of the parent at the vertices.
+    pub weight: &'a [f64],
+    /// Added to the indicator.
+    pub eta: f64,
+    /// Of the penalty outside the parent.
+    pub sigma: f64,
 }
 
 impl Perimeter {
@@ -91,6 +104,45 @@ impl Perimeter {
             confinement: mass.map(|(m, w)| m * (1.0 - w) / sigma).collect(),
             surface,
         })
+    }
+
+    /// The perimeter with a factor on the length of the interface at every vertex, on the whole
+    /// surface or within a parent.
+    ///
+    /// The penalty outside the parent takes the factor as well: a field then fades where it does
+    /// without, and a constant factor is one of the whole functional.
+    ///
+    /// # Errors
+    /// As [`Self::new`] and [`Self::weighted`]; `seam_cost` of another length or not positive.
+    pub fn costed(
+        surface: Arc<Surface>,
+        epsilon: f64,
+        parent: Option<Parent<'_>>,
+        seam_cost: &[f64],
+    ) -> Result<Self> {
+        let mut perimeter = match parent {
+            None => Self::new(surface, epsilon)?,
+            Some(Parent { weight, eta, sigma }) => {
+                Self::weighted(surface, epsilon, weight, eta, sigma)?
+            }
+        };
+        let mesh = perimeter.surface.mesh();
+        check_factors("seam_cost", seam_cost, mesh.n_vertices())?;
+        let factor: Vec<f64> = match parent {
+            None => seam_cost.to_vec(),
+            Some(Parent { weight, eta, .. }) => seam_cost
+                .iter()
+                .zip(weight)
+                .map(|(g, w)| g * (w + eta))
+                .collect(),
+        };
+        perimeter.stiffness.refill(mesh, &factor, 0.0);
+        for values in [&mut perimeter.well, &mut perimeter.confinement] {
+            for (value, g) in values.iter_mut().zip(seam_cost) {
+                *value *= g;
+            }
+        }
+        Ok(perimeter)
     }
 
     /// The Hessian eps S^w + diag(1/eps m (w + eta) . Psi''(u) + 2/sigma m (1 - w)) at `u`: its
@@ -181,16 +233,76 @@ mod tests {
     }
 
     #[test]
+    fn a_straight_interface_costs_the_factor_where_it_runs() {
+        let surface = Arc::new(Surface::new(grid(200, 20, |_, _| 0.0)));
+        let vertices = surface.mesh().vertices();
+        let epsilon = 0.02;
+        // The factor is linear and the profile is even: its first moment vanishes.
+        let cost: Vec<f64> = vertices.iter().map(|p| 1.0 + 3.0 * p[0]).collect();
+        let perimeter = Perimeter::costed(surface.clone(), epsilon, None, &cost).unwrap();
+        for x in [0.3, 0.5, 0.7] {
+            let profile = |p: &[f64; 3]| (3.0 * (p[0] - x) / (2.0 * 2_f64.sqrt() * epsilon)).tanh();
+            let u: Vec<f64> = vertices.iter().map(profile).collect();
+            let mut gradient = vec![0.0; u.len()];
+            let value = perimeter.value_and_gradient(&u, &mut gradient).unwrap();
+            let expected = 2_f64.sqrt() * (1.0 + 3.0 * x);
+            assert!((value / expected - 1.0).abs() < 1e-2, "{value} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_constant_factor_is_one_of_the_functional() {
+        let surface = Arc::new(Surface::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y)));
+        let n = surface.mesh().n_vertices();
+        let u = noise(n);
+        let weight: Vec<f64> = surface
+            .mesh()
+            .vertices()
+            .iter()
+            .map(|p| p[0].min(1.0))
+            .collect();
+        let parent = Parent {
+            weight: &weight,
+            eta: 1e-3,
+            sigma: 0.5,
+        };
+        let (mut one, mut three) = (vec![0.0; n], vec![0.0; n]);
+        let plain = Perimeter::weighted(surface.clone(), 0.1, &weight, 1e-3, 0.5).unwrap();
+        let costed = Perimeter::costed(surface.clone(), 0.1, Some(parent), &vec![3.0; n]).unwrap();
+        let before = plain.value_and_gradient(&u, &mut one).unwrap();
+        let after = costed.value_and_gradient(&u, &mut three).unwrap();
+        assert!((after / before - 3.0).abs() < 1e-13);
+        for (a, b) in one.iter().zip(&three) {
+            assert!((3.0 * a - b).abs() < 1e-10);
+        }
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let mut cost = vec![1.0; n];
+            cost[7] = bad;
+            let error = Perimeter::costed(surface.clone(), 0.1, None, &cost).unwrap_err();
+            assert!(error.to_string().starts_with("seam_cost[7]: "), "{error}");
+        }
+        assert!(Perimeter::costed(surface, 0.1, None, &vec![1.0; n - 1]).is_err());
+    }
+
+    #[test]
     fn hessian_is_the_derivative_of_the_gradient() {
         let surface = Arc::new(Surface::new(grid(30, 20, |x, y| 0.2 * (5.0 * x).sin() * y)));
         let mesh = surface.mesh();
         let n = mesh.n_vertices();
         let weight: Vec<f64> = mesh.vertices().iter().map(|p| p[0].min(1.0)).collect();
         let u = noise(n);
+        let cost: Vec<f64> = u.iter().map(|u| 1.2 + u).collect();
+        let parent = Parent {
+            weight: &weight,
+            eta: 1e-3,
+            sigma: 0.5,
+        };
         let direction: Vec<f64> = (0..n).map(|i| (i as f64 * 0.7 + 0.3).sin()).collect();
         for perimeter in [
             Perimeter::new(surface.clone(), 0.1).unwrap(),
             Perimeter::weighted(surface.clone(), 0.1, &weight, 1e-3, 0.5).unwrap(),
+            Perimeter::costed(surface.clone(), 0.1, None, &cost).unwrap(),
+            Perimeter::costed(surface.clone(), 0.1, Some(parent), &cost).unwrap(),
         ] {
             let (edges, diagonal) = perimeter.hessian(&u).unwrap();
             let mut product: Vec<f64> = diagonal
