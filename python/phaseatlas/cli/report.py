@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..meanings import METRICS
 from .process import complain, on_terminal, say, verbose
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..atlas import Atlas
+    from ..batching import BatchProgress
     from ..partitioning import Phase
     from ..scene.mesh import Mesh
     from ..scene.scene import Scene
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from ..surface import Surface
 
 __all__ = [
+    "meshes",
     "phases",
     "progress",
     "say_meshes",
@@ -68,6 +70,32 @@ def phases() -> Iterator[Callable[[Phase], None] | None]:
 
     with _bar() as draw:
         yield None if draw is None else lambda phase: draw(drawn(phase))
+
+
+@contextmanager
+def meshes() -> Iterator[Callable[[BatchProgress], None]]:
+    """Give a callback that draws how far a batch is, or prints a line a mesh without a terminal."""
+    failures = 0
+
+    def words(record: dict[str, Any]) -> str:
+        if "error" in record:
+            return f"failed: {record['error']}"
+        said = f", {len(record['warnings'])} warnings" if record["warnings"] else ""
+        return f"{record['charts']} charts, {record['seconds']:.1f} s{said}"
+
+    with _bar() as draw:
+
+        def tell(state: BatchProgress) -> None:
+            nonlocal failures
+            failures += state.record is not None and "error" in state.record
+            if draw is not None:
+                bad = f", {failures} failed" if failures else ""
+                draw((state.done, state.total, f"{state.done} of {state.total} meshes{bad}"))
+            elif state.record is not None:
+                name = state.record["output"]
+                say(f"{state.done}/{state.total} {name}: {words(state.record)}")
+
+        yield tell
 
 
 @contextmanager
