@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,6 +90,7 @@ def unwrap(
     padding: int = 4,
     resolution: int = 1024,
     weld: float = 0.0,
+    executor: Executor | None = None,
 ) -> Unwrapped:
     """Give every corner of any triangles or polygons its place in a texture.
 
@@ -110,6 +112,8 @@ def unwrap(
         As in `build_atlas`.
     weld : float, default 0
         Join vertices nearer than this, too, in the units of the vertices.
+    executor : concurrent.futures.Executor, optional
+        As in `partition` and `segment`; the result does not depend on it.
 
     Returns
     -------
@@ -137,7 +141,9 @@ def unwrap(
             if value is not None:
                 raise ValueError(f"{name}: value must be left out with levels")
         weight = 0.0 if distortion is None else distortion
-        charted: SegmentTree | Segmentation = segment(surface, levels, distortion=weight, seed=seed)
+        charted: SegmentTree | Segmentation = segment(
+            surface, levels, distortion=weight, seed=seed, executor=executor
+        )
     else:
         charted = partition(
             surface,
@@ -146,6 +152,7 @@ def unwrap(
             max_charts=max_charts,
             effort=effort,
             seed=seed,
+            executor=executor,
         )
     atlas = build_atlas(charted, flatten=flatten, padding=padding, resolution=resolution)
     return unwrapped(atlas, shape)
