@@ -31,15 +31,15 @@ def models(tmp_path_factory):
     """Five small meshes in two folders, one of them without a face."""
     folder = tmp_path_factory.mktemp("models")
     (folder / "more").mkdir()
-    pa.save_mesh(datasets.icosphere(1), folder / "ball.obj")
-    pa.save_mesh(datasets.torus(1.0, 0.4, 10, 6), folder / "ring.ply")
+    pa.save_mesh(datasets.icosphere(0), folder / "ball.obj")
+    pa.save_mesh(datasets.sheet(9, 4), folder / "flag.ply")
     pa.save_mesh(datasets.sheet(6, 5), folder / "more" / "sheet.obj")
-    pa.save_mesh(datasets.icosphere(2), folder / "more" / "ball.obj")
+    pa.save_mesh(datasets.sheet(7, 4, amplitude=0.1, periods=1), folder / "more" / "patch.obj")
     (folder / "points.obj").write_text("v 0 0 0\nv 1 0 0\n")
     return folder
 
 
-OUTPUTS = ["ball.glb", "points.glb", "ring.glb", "more/ball.glb", "more/sheet.glb"]
+OUTPUTS = ["ball.glb", "flag.glb", "points.glb", "more/patch.glb", "more/sheet.glb"]
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +80,12 @@ def touch(path):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("x")
     return path
+
+
+def go_on(models, out):
+    """A batch, or the rest of one, in this process."""
+    with ThreadPoolExecutor(1) as thread:
+        return pa.batch(models, out, options=FAST, executor=thread, resume=True)
 
 
 # Which files, and where to.
@@ -235,21 +241,22 @@ def test_the_bytes_do_not_depend_on_who_works(models, serial, tmp_path):
 def test_resume_does_what_is_missing_has_failed_or_has_changed(models, tmp_path):
     sources = tmp_path / "in"
     sources.mkdir()
-    for name in ("ball.obj", "points.obj", "ring.ply"):
+    for name in ("ball.obj", "flag.ply", "points.obj"):
         (sources / name).write_bytes((models / name).read_bytes())
     out = tmp_path / "out"
 
     def made_again(**options):
         done = []
-        result = pa.batch(
-            sources,
-            out,
-            jobs=1,
-            progress=lambda state: state.record and done.append(state.record["output"]),
-            **{"options": FAST, "resume": True, **options},
-        )
+        with ThreadPoolExecutor(1) as thread:
+            result = pa.batch(
+                sources,
+                out,
+                executor=thread,
+                progress=lambda state: state.record and done.append(state.record["output"]),
+                **{"options": FAST, "resume": True, **options},
+            )
         assert result.skipped == 3 - len(done)
-        assert [line["output"] for line in lines(out)] == ["ball.glb", "points.glb", "ring.glb"]
+        assert [line["output"] for line in lines(out)] == ["ball.glb", "flag.glb", "points.glb"]
         return done
 
     assert len(made_again()) == 3
@@ -259,21 +266,21 @@ def test_resume_does_what_is_missing_has_failed_or_has_changed(models, tmp_path)
     (sources / "points.obj").write_bytes((models / "more" / "sheet.obj").read_bytes())
     assert made_again() == ["points.glb"]
     assert made_again() == []
-    (out / "ring.glb").unlink()
-    assert made_again() == ["ring.glb"]
-    (sources / "ball.obj").write_bytes((models / "more" / "ball.obj").read_bytes())
+    (out / "flag.glb").unlink()
+    assert made_again() == ["flag.glb"]
+    (sources / "ball.obj").write_bytes((models / "more" / "patch.obj").read_bytes())
     assert made_again() == ["ball.glb"]
     assert made_again(options=AtlasOptions(effort="fast", seed=1)) == [
         "ball.glb",
+        "flag.glb",
         "points.glb",
-        "ring.glb",
     ]
 
 
 def test_lines_of_other_meshes_stay(models, tmp_path):
-    pa.batch(models / "ball.obj", tmp_path, options=FAST)
-    pa.batch(models / "ring.ply", tmp_path, options=FAST, resume=True)
-    assert [line["output"] for line in lines(tmp_path)] == ["ball.glb", "ring.glb"]
+    for name in ("ball.obj", "flag.ply"):
+        go_on(models / name, tmp_path)
+    assert [line["output"] for line in lines(tmp_path)] == ["ball.glb", "flag.glb"]
 
 
 class Slow(Executor):
@@ -361,12 +368,6 @@ def n_lines(out):
     return path.read_bytes().count(b"\n") if path.exists() else 0
 
 
-def go_on(models, out, **options):
-    """The rest of a batch, in this process."""
-    with ThreadPoolExecutor(1) as thread:
-        return pa.batch(models, out, options=FAST, executor=thread, resume=True, **options)
-
-
 @NO_PROC
 @pytest.mark.parametrize("after", [0, 2])
 def test_a_batch_that_was_killed_goes_on(models, serial, tmp_path, after):
@@ -396,10 +397,10 @@ def test_a_mesh_whose_workers_are_killed_fails_alone(models, serial, tmp_path):
     said, errors = process.communicate()
     assert process.returncode == 1
     assert "meshes 2, 0 finished before, 1 made, 1 failed" in said
-    assert errors == f"phaseatlas: {models}/more/ball.obj: worker was killed (signal 9)\n"
-    ball, sheet = lines(tmp_path)
-    assert ball["error"] == "worker was killed (signal 9)"
-    assert ball["sha256"] == hashlib.sha256((models / "more/ball.obj").read_bytes()).hexdigest()
+    assert errors == f"phaseatlas: {models}/more/patch.obj: worker was killed (signal 9)\n"
+    patch, sheet = lines(tmp_path)
+    assert patch["error"] == "worker was killed (signal 9)"
+    assert patch["sha256"] == hashlib.sha256((models / "more/patch.obj").read_bytes()).hexdigest()
     assert "metrics" in sheet
     assert not go_on(models / "more", tmp_path).failed
     assert written(tmp_path) == {

@@ -34,8 +34,8 @@ def models(tmp_path):
     folder = tmp_path / "models"
     (folder / "more").mkdir(parents=True)
     for k in range(6):
-        pa.save_mesh(datasets.torus(1.0, 0.3 + 0.05 * k, 14, 8), folder / f"ring{k}.obj")
-    pa.save_mesh(datasets.icosphere(2), folder / "more" / "ball.ply")
+        pa.save_mesh(datasets.sheet(5 + k, 4), folder / f"sheet{k}.obj")
+    pa.save_mesh(datasets.icosphere(1), folder / "more" / "ball.ply")
     return folder
 
 
@@ -61,7 +61,7 @@ def test_a_killed_worker_changes_no_byte(client, models, tmp_path):
     assert atlases(tmp_path / "dask") == atlases(tmp_path / "serial")
     lines = (tmp_path / "dask" / "manifest.jsonl").read_text().splitlines()
     assert [json.loads(line)["output"] for line in lines] == [
-        *(f"ring{k}.glb" for k in range(6)),
+        *(f"sheet{k}.glb" for k in range(6)),
         "more/ball.glb",
     ]
     assert not list((tmp_path / "dask").rglob("*.part"))
