@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -159,16 +159,21 @@ def batch(
         manifest.write([*others, *records.values()])
         _tell(progress, records, planned, None)
         todo = [job for job in planned if job.output not in records]
-        with _engine(executor, jobs, len(todo), timeout) as (engine, room):
-            bound = memory
-            if bound is None:
-                bound = math.inf if executor else _SHARE * _core.available_memory()
-            for record in _made(todo, folder, options, engine, room, bound):
-                manifest.append(record)
-                records[record["output"]] = record
-                _tell(progress, records, planned, record)
-        # Of workers that were killed.
-        remove_temporaries(folder)
+        bound = memory
+        if bound is None:
+            bound = math.inf if executor is not None else _SHARE * _core.available_memory()
+        try:
+            with (
+                _engine(executor, jobs, len(todo), timeout) as (engine, room),
+                closing(_made(todo, folder, options, engine, room, bound)) as made,
+            ):
+                for record in made:
+                    manifest.append(record)
+                    records[record["output"]] = record
+                    _tell(progress, records, planned, record)
+        finally:
+            # Of workers that were killed.
+            remove_temporaries(folder)
         ordered = tuple(records[job.output] for job in planned)
         manifest.write([*others, *ordered])
     return BatchResult(folder, ordered, skipped)
@@ -256,7 +261,7 @@ def _made(
     engine: Executor,
     room: Callable[[], float],
     memory: float,
-) -> Iterator[Record]:
+) -> Generator[Record, None, None]:
     """Make the atlases, and give the line of each as soon as it is done."""
     waiting = deque(_Attempt(job, peak(job.source, options)) for job in jobs)
     running: dict[Future[Record], _Attempt] = {}
