@@ -16,6 +16,7 @@ from typing import Any
 from .. import _core
 from ..file_atlas import CHECKER, AtlasOptions
 from ..files import remove_temporaries
+from ..threads import n_threads
 from .job import digest, failed, make, reason
 from .manifest import Manifest, Record, locked
 from .memory import peak
@@ -230,7 +231,7 @@ def _engine(
 ) -> Iterator[tuple[Executor, Callable[[], float]]]:
     """Give who works, and how many meshes it takes at once, which may change."""
     if executor is None:
-        jobs = max(1, min(os.cpu_count() or 1 if jobs is None else jobs, count))
+        jobs = max(1, min(n_threads() if jobs is None else jobs, count))
         workers = Workers(jobs, timeout=timeout)
         try:
             yield workers, lambda: jobs

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files import write_bytes
+from ..plain import plain
 
 __all__ = ["NAME", "Manifest", "Record", "locked"]
 
@@ -74,7 +75,7 @@ class Manifest:
 
 
 def _line(record: Record) -> bytes:
-    return json.dumps(record, separators=(",", ":")).encode() + b"\n"
+    return json.dumps(plain(record), allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
 @contextmanager

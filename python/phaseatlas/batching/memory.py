@@ -17,9 +17,9 @@ from ..file_atlas import AtlasOptions
 __all__ = ["peak", "triangles"]
 
 _MODULES = 150e6
-_TRIANGLE = 2500.0
+_TRIANGLE = 4000.0
 # With the fields, weights and simplified surfaces of a tree.
-_TRIANGLE_OF_TREE = 8000.0
+_TRIANGLE_OF_TREE = 12000.0
 # Of a texture that is repeated, and of the up to five that are baked anew.
 _TEXEL = 30.0
 _BAKED_TEXEL = 100.0

@@ -18,6 +18,8 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import IO, Any, ParamSpec, TypeVar
 
+from ..threads import n_threads
+
 __all__ = ["WorkerDiedError", "Workers", "serve"]
 
 P = ParamSpec("P")
@@ -56,8 +58,8 @@ class Workers(Executor):
         self._alive: set[_Worker] = set()
         self._killed = False
         # So that the processes do not fight for the cores.
-        threads = str(max(1, (os.cpu_count() or 1) // count))
-        self._environment = {"RAYON_NUM_THREADS": threads, **os.environ}
+        threads = str(max(1, n_threads() // count))
+        self._environment = {**os.environ, "RAYON_NUM_THREADS": threads}
         self._threads = [threading.Thread(target=self._run, daemon=True) for _ in range(count)]
         for thread in self._threads:
             thread.start()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -11,9 +12,10 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from ..quality import QualityWarning
 from . import options
-from .process import FAILED, WARNED, UsageError, complain, say
-from .report import meshes
+from .process import Record, UsageError, complain
+from .report import meshes, say_batch, say_written
 
 __all__ = ["batch"]
 
@@ -80,7 +82,7 @@ def batch(
     solver: options.Solver = "lbfgs",
     initial: options.Initial = "auto",
     strict: options.Strict = False,
-) -> None:
+) -> Record:
     """Give each of many meshes an atlas, as atlas does; one that fails does not stop the others.
 
     The atlases lie in the subfolders of their meshes, and manifest.jsonl has a line of JSON for
@@ -91,6 +93,7 @@ def batch(
             if value is not None:
                 raise UsageError(f"--{name}: value must not be given with --dask")
     from ..batching import batch as run_batch
+    from ..batching.manifest import NAME
     from ..file_atlas import AtlasOptions
 
     chosen = AtlasOptions(
@@ -109,21 +112,23 @@ def batch(
             memory=None if memory is None else memory * 2**30,
             progress=report,
         )
-    failed = result.failed
-    warned = sum(bool(record.get("warnings")) for record in result.records)
-    counts = {
-        "finished before": result.skipped,
-        "made": len(result.records) - len(failed) - result.skipped,
-        "failed": len(failed),
-        "with warnings": warned,
+    say_batch(result)
+    say_written(folder / NAME)
+    for record in result.records:
+        name = _shown(record["input"])
+        for message in record.get("warnings", ()):
+            warnings.warn(f"{name}: {message}", QualityWarning, stacklevel=1)
+        if "error" in record:
+            complain(f"{name}: {record['error']}")
+    if result.failed:
+        failures = f"{len(result.failed)} of {len(result.records)} meshes failed"
+        raise RuntimeError(f"{failures}; --resume tries them again")
+    return {
+        "output": str(folder),
+        "files": [str(folder / NAME)],
+        "meshes": len(result.records),
+        "skipped": result.skipped,
     }
-    say(f"meshes {len(result.records)}, " + ", ".join(f"{n} {word}" for word, n in counts.items()))
-    for record in failed:
-        complain(f"{_shown(record['input'])}: {record['error']}")
-    if failed:
-        raise typer.Exit(FAILED)
-    if strict and warned:
-        raise typer.Exit(WARNED)
 
 
 def _shown(path: str) -> str:

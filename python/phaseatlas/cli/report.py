@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..meanings import METRICS
 from .process import complain, on_terminal, say, verbose
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..atlas import Atlas
-    from ..batching import BatchProgress
+    from ..batching import BatchProgress, BatchResult
     from ..partitioning import Phase
     from ..scene.mesh import Mesh
     from ..scene.scene import Scene
@@ -27,6 +27,7 @@ __all__ = [
     "meshes",
     "phases",
     "progress",
+    "say_batch",
     "say_meshes",
     "say_metrics",
     "say_segmentation",
@@ -74,26 +75,23 @@ def phases() -> Iterator[Callable[[Phase], None] | None]:
 
 @contextmanager
 def meshes() -> Iterator[Callable[[BatchProgress], None]]:
-    """Give a callback that draws how far a batch is, or prints a line a mesh without a terminal."""
+    """Give a callback that draws how far a batch is, or prints a line for each mesh."""
     failures = 0
-
-    def words(record: dict[str, Any]) -> str:
-        if "error" in record:
-            return f"failed: {record['error']}"
-        said = f", {len(record['warnings'])} warnings" if record["warnings"] else ""
-        return f"{record['charts']} charts, {record['seconds']:.1f} s{said}"
 
     with _bar() as draw:
 
         def tell(state: BatchProgress) -> None:
             nonlocal failures
-            failures += state.record is not None and "error" in state.record
+            record = state.record
+            failures += record is not None and "error" in record
             if draw is not None:
                 bad = f", {failures} failed" if failures else ""
                 draw((state.done, state.total, f"{state.done} of {state.total} meshes{bad}"))
-            elif state.record is not None:
-                name = state.record["output"]
-                say(f"{state.done}/{state.total} {name}: {words(state.record)}")
+            elif record is not None:
+                made = (
+                    record.get("error") or f"{record['charts']} charts, {record['seconds']:.1f} s"
+                )
+                say(f"{state.done}/{state.total} {record['output']}: {made}")
 
         yield tell
 
@@ -143,6 +141,19 @@ def _told() -> Callable[[_Drawn], None]:
             last, step = now, reached
 
     return tell
+
+
+def say_batch(result: BatchResult) -> None:
+    """Print what became of the meshes of a batch."""
+    made = len(result.records) - len(result.failed) - result.skipped
+    _say_pairs(
+        {
+            "meshes": f"{len(result.records)}",
+            "finished before": f"{result.skipped}",
+            "made": f"{made}",
+            "failed": f"{len(result.failed)}",
+        }
+    )
 
 
 def say_surface(surface: Surface) -> None:
