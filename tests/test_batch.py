@@ -10,12 +10,13 @@ import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 import phaseatlas as pa
 from phaseatlas import datasets
 from phaseatlas.batching.manifest import Manifest, locked
-from phaseatlas.batching.memory import peak
+from phaseatlas.batching.memory import peak, triangles
 from phaseatlas.batching.plan import plan
 from phaseatlas.batching.workers import WorkerDiedError, Workers
 from phaseatlas.file_atlas import AtlasOptions, atlas_file
@@ -283,6 +284,23 @@ def test_lines_of_other_meshes_stay(models, tmp_path):
     assert [line["output"] for line in lines(tmp_path)] == ["ball.glb", "flag.glb"]
 
 
+def test_the_estimates_see_the_triangles(models, serial, tmp_path):
+    surface = datasets.icosphere(3)
+    for suffix in (".obj", ".ply"):
+        pa.save_mesh(surface, tmp_path / f"a{suffix}")
+        assert surface.n_faces <= triangles(tmp_path / f"a{suffix}") <= 2 * surface.n_faces
+    # A glTF file says how many, whatever else it holds.
+    ball = tmp_path / "ball.glb"
+    ball.write_bytes(serial["ball.glb"] + bytes(10000))
+    assert triangles(ball) == 20
+    ball.write_bytes(b"glTF and nothing else")
+    assert triangles(ball) > 0
+    options = [FAST, AtlasOptions(texture="checker"), AtlasOptions(rebake=True)]
+    plain, textured, baked = (peak(tmp_path / "a.obj", each) for each in options)
+    assert 1e8 < plain < textured < baked
+    assert peak(tmp_path / "none.obj", FAST) == 0
+
+
 class Slow(Executor):
     """Counts the calls that it has, and ends them only when nothing else can go on."""
 
@@ -422,6 +440,18 @@ def test_one_killed_worker_is_no_failure(models, serial, tmp_path):
         "phaseatlas: 1 of 5 meshes failed; --resume tries them again",
     ]
     check_whole(tmp_path, serial)
+
+
+def test_the_command_keeps_its_record(models, tmp_path):
+    schema = json.loads((Path(__file__).parents[1] / "docs" / "record.schema.json").read_text())
+    go_on(models / "ball.obj", tmp_path)
+    process = start(models / "ball.obj", tmp_path, "--effort", "fast", "--resume", "--json", "-")
+    said, errors = process.communicate()
+    assert (process.returncode, errors) == (0, "")
+    record = json.loads(said)
+    jsonschema.validate(record, schema)
+    assert (record["meshes"], record["skipped"]) == (1, 1)
+    assert record["files"] == [str(tmp_path / "manifest.jsonl")]
 
 
 @NO_PROC
