@@ -16,6 +16,7 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from contextlib import suppress
 from typing import IO, Any, ParamSpec, TypeVar
 
 from ..threads import n_threads
@@ -89,10 +90,11 @@ class Workers(Executor):
         self.shutdown(cancel_futures=True)
 
     def _cancel(self) -> None:
-        while not self._calls.empty():
-            call = self._calls.get()
-            if call is not None:
-                call[0].cancel()
+        with suppress(queue.Empty):
+            while True:
+                call = self._calls.get_nowait()
+                if call is not None:
+                    call[0].cancel()
 
     def _run(self) -> None:
         """Serve calls, one after the other, by one process and its successors."""
@@ -185,10 +187,8 @@ class _Worker:
         self.process.kill()
         # What is left to be sent goes nowhere.
         for pipe in (self.process.stdin, self.process.stdout):
-            try:
+            with suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]
-            except OSError:
-                continue
         self.process.wait()
 
 
