@@ -85,8 +85,9 @@ def batch(
 ) -> Record:
     """Give each of many meshes an atlas, as atlas does; one that fails does not stop the others.
 
-    The atlases lie in the subfolders of their meshes, and manifest.jsonl has a line of JSON for
-    each mesh. Whatever ends the command, --resume goes on where it was.
+    The atlases lie in the subfolders of their meshes; a.obj and a.stl of one folder become
+    a.obj.glb and a.stl.glb. manifest.jsonl has a line of JSON for each mesh. Whatever ends the
+    command, --resume goes on where it was.
     """
     if dask is not None:
         for name, value in (("jobs", jobs), ("timeout", timeout), ("memory", memory)):
