@@ -201,28 +201,34 @@ def serve() -> None:
     os.dup2(2, 1)
     calls: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
+    # Whoever asks may be gone, and with it the reason to go on.
     def listen() -> None:
         try:
             while True:
                 calls.put(_receive(requests))
         finally:
-            # Whoever asks is gone, and so is the reason to go on.
             os._exit(0)
 
-    _send(answers, b"ready")
+    def answer(message: bytes) -> None:
+        try:
+            _send(answers, message)
+        except OSError:
+            os._exit(0)
+
+    answer(b"ready")
     threading.Thread(target=listen, daemon=True).start()
     while True:
-        answer: tuple[bool, Any]
+        result: tuple[bool, Any]
         try:
             function, args, kwargs = pickle.loads(calls.get())
-            answer = True, function(*args, **kwargs)
+            result = True, function(*args, **kwargs)
         except BaseException as error:
-            answer = False, error
+            result = False, error
         try:
-            message = pickle.dumps(answer)
+            message = pickle.dumps(result)
         except Exception as error:
             message = pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
-        _send(answers, message)
+        answer(message)
 
 
 def _send(stream: IO[bytes], message: bytes) -> None:
