@@ -95,10 +95,11 @@ def test_progress_stops_it(executor, even, run, options):
 
 
 def test_warnings_come_from_all_processes(executor, even):
-    with pytest.warns(pa.QualityWarning) as alone:
-        pa.segment(even, 4, epsilon=1e-3, connected=False, area="penalty")
-    with pytest.warns(pa.QualityWarning) as shared:
-        pa.segment(even, 4, epsilon=1e-3, connected=False, area="penalty", executor=executor)
+    short = {"max_iterations": 3, "initial": "random", "connected": False}
+    with pytest.warns(pa.QualityWarning, match="not converged") as alone:
+        pa.segment(even, 3, **short)
+    with pytest.warns(pa.QualityWarning, match="not converged") as shared:
+        pa.segment(even, 3, executor=executor, **short)
     assert [str(w.message) for w in shared] == [str(w.message) for w in alone]
     with pytest.warns(pa.QualityWarning, match="max_charts") as alone:
         pa.partition(even, max_charts=2)
