@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import warnings
 from collections.abc import Iterator
@@ -145,13 +146,13 @@ def _cluster(address: str | None) -> Iterator[Any]:
         yield None
         return
     try:
-        import distributed
+        distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise ImportError(
             "--dask needs the package distributed: pip install 'phaseatlas[dask]'"
         ) from None
     try:
-        client: Any = distributed.Client(address)  # type: ignore[no-untyped-call]
+        client = distributed.Client(address)
     except (OSError, ValueError) as error:
         raise UsageError(f"--dask: no scheduler answers at {address}: {error}") from None
     with client:
