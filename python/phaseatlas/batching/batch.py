@@ -16,6 +16,7 @@ from typing import Any
 from .. import _core
 from ..file_atlas import CHECKER, AtlasOptions
 from ..files import remove_temporaries
+from ..plain import plain
 from ..threads import n_threads
 from .job import digest, failed, make, reason
 from .manifest import Manifest, Record, locked
@@ -143,6 +144,11 @@ def batch(
     if options.texture is not None and str(options.texture) != CHECKER:
         # Workers may be in other folders.
         options = replace(options, texture=os.path.abspath(options.texture))
+    for name in ("charts", "outlines"):
+        if getattr(options, name) is not None:
+            raise ValueError(
+                f"{name}: value must be left out, all meshes would write the same file"
+            )
     _check(jobs, timeout, memory, executor)
     given = [inputs] if isinstance(inputs, (str, PathLike)) else inputs
     folder = Path(folder).absolute()
@@ -207,7 +213,7 @@ def _kept(
     by_output = {line["output"]: line for line in lines}
     ours = {job.output for job in planned} | {str(job.source) for job in planned}
     others = [line for line in lines if not ours & {line["output"], line["input"]}]
-    wanted = {"options": options.given(), "version": _core.__version__}
+    wanted = {"options": plain(options.given()), "version": _core.__version__}
 
     def good(job: Job) -> bool:
         line = by_output.get(job.output, {})

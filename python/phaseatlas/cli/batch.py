@@ -76,6 +76,7 @@ def batch(
     resolution: options.Resolution = 1024,
     padding: options.Padding = 4,
     levels: options.AtlasLevels = None,
+    shares: options.Shares = None,
     connected: options.Connected = True,
     law: options.Formulation = "sharp",
     area: options.Area = "lagrangian",
@@ -98,9 +99,9 @@ def batch(
     from ..batching.manifest import NAME
     from ..file_atlas import AtlasOptions
 
-    chosen = AtlasOptions(
-        **{field.name: context.params[field.name] for field in fields(AtlasOptions)}
-    )
+    given = {**context.params, "shares": options.parsed_shares(shares)}
+    names = [field.name for field in fields(AtlasOptions)]
+    chosen = AtlasOptions(**{name: given[name] for name in names if name in given})
     with _cluster(dask) as client, meshes() as report:
         result = run_batch(
             inputs,
