@@ -147,7 +147,7 @@ def batch(
     for name in ("charts", "outlines"):
         if getattr(options, name) is not None:
             raise ValueError(
-                f"{name}: value must be left out, all meshes would write the same file"
+                f"{name}: value must be left out, it is one file for all meshes"
             )
     _check(jobs, timeout, memory, executor)
     given = [inputs] if isinstance(inputs, (str, PathLike)) else inputs
