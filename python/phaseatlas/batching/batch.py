@@ -146,9 +146,7 @@ def batch(
         options = replace(options, texture=os.path.abspath(options.texture))
     for name in ("charts", "outlines"):
         if getattr(options, name) is not None:
-            raise ValueError(
-                f"{name}: value must be left out, it is one file for all meshes"
-            )
+            raise ValueError(f"{name}: value must be left out, it is one file for all meshes")
     _check(jobs, timeout, memory, executor)
     given = [inputs] if isinstance(inputs, (str, PathLike)) else inputs
     folder = Path(folder).absolute()
