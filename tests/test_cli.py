@@ -602,6 +602,7 @@ SCHEMA = json.loads((Path(__file__).parents[1] / "docs" / "record.schema.json").
         "atlas model.obj -o a.glb --levels 1",
         "segment model.obj -o a.npz --levels 1",
         "segment none.obj -o a.npz",
+        "batch none.obj -o a",
     ],
 )
 def test_records(model, arguments):
@@ -647,7 +648,7 @@ def test_steps_are_told_and_hidden(model):
 
 
 @pytest.mark.parametrize("option", ["-h", "--help"])
-@pytest.mark.parametrize("command", [None, "segment", "atlas", "remesh", "info", "demo"])
+@pytest.mark.parametrize("command", [None, "segment", "atlas", "batch", "remesh", "info", "demo"])
 def test_help(command, option):
     result = run(*filter(None, [command, option]))
     assert (result.returncode, result.stderr) == (0, "")

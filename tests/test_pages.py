@@ -289,3 +289,10 @@ def test_pages_are_saved_and_drawn(squares, tmp_path):
     assert picture.shape[1] > 2 * 64
     with pytest.raises(ValueError, match="image: 1 images must be 2, one a page"):
         pa.plot.uv_layout(atlas, images[:1], views=0, size=64)
+
+
+def test_a_density_that_leaves_no_texel_is_refused():
+    tiny = pa.datasets.icosphere(2).scaled(1e-6)
+    with pytest.raises(ValueError, match="density: 64 texels a unit leave less than a texel"):
+        pa.unwrap(tiny, density=64.0, effort="fast")
+    assert pa.unwrap(tiny, density=1e7, effort="fast").atlas.resolution >= 32

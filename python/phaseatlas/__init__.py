@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from . import datasets, functionals
     from ._core import __version__
     from .atlas import Atlas, Chart, build_atlas
+    from .batching import BatchProgress, BatchResult
+    from .batching.batch import batch
     from .cutting import cut_along_seams
     from .file_atlas import AtlasOptions, FileAtlas, atlas_file
     from .io import load, save_mesh, save_ply
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Atlas",
     "AtlasOptions",
+    "BatchProgress",
+    "BatchResult",
     "Chart",
     "CollapsedError",
     "Diagnostics",
@@ -55,6 +59,7 @@ __all__ = [
     "Unwrapped",
     "__version__",
     "atlas_file",
+    "batch",
     "build_atlas",
     "cut_along_seams",
     "datasets",
@@ -76,6 +81,8 @@ __all__ = [
 _MODULES = {
     "Atlas": "atlas",
     "AtlasOptions": "file_atlas",
+    "BatchProgress": "batching",
+    "BatchResult": "batching",
     "Chart": "atlas",
     "CollapsedError": "segmentation",
     "Diagnostics": "segmentation",
@@ -95,6 +102,7 @@ _MODULES = {
     "Unwrapped": "unwrapping",
     "__version__": "_core",
     "atlas_file": "file_atlas",
+    "batch": "batching",
     "build_atlas": "atlas",
     "cut_along_seams": "cutting",
     "load": "io",

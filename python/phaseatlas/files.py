@@ -10,7 +10,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-__all__ = ["check_input", "write_bytes", "write_files", "write_whole"]
+__all__ = ["check_input", "remove_temporaries", "write_bytes", "write_files", "write_whole"]
+
+# What ends the name of a file that is being written.
+_PART = ".part"
 
 
 def check_input(path: Path) -> None:
@@ -50,7 +53,7 @@ def write_whole(path: str | PathLike[str]) -> Iterator[Path]:
     """Give a temporary file beside `path` that takes its place when the block succeeds."""
     path = Path(path)
     try:
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        descriptor, name = tempfile.mkstemp(_PART, f".{path.name}.", path.parent)
     except OSError as error:
         # The user knows nothing of the temporary file.
         error.filename = str(path)
@@ -67,3 +70,9 @@ def write_whole(path: str | PathLike[str]) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove what killed processes were writing in a folder and below it."""
+    for temporary in folder.rglob(f".*{_PART}"):
+        temporary.unlink(missing_ok=True)

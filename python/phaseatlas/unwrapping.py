@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,6 +110,7 @@ def unwrap(
     seams: ArrayLike | None = None,
     keep: ArrayLike | None = None,
     creases: float | None = None,
+    executor: Executor | None = None,
 ) -> Unwrapped:
     """Give every corner of any triangles or polygons its place in a texture.
 
@@ -144,6 +146,8 @@ def unwrap(
         Polygons between which no seam runs, by their numbers or as a mask.
     creases : float, optional
         Edges whose faces turn by more than this angle, in degrees, cost a fifth.
+    executor : concurrent.futures.Executor, optional
+        As in `partition` and `segment`; the result does not depend on it.
 
     Returns
     -------
@@ -186,7 +190,9 @@ def unwrap(
             if value is not None:
                 raise ValueError(f"{name}: value must be left out with levels")
         weight = 0.0 if distortion is None else distortion
-        charted: SegmentTree | Segmentation = segment(surface, levels, distortion=weight, seed=seed)
+        charted: SegmentTree | Segmentation = segment(
+            surface, levels, distortion=weight, seed=seed, executor=executor
+        )
     else:
         charted = partition(
             surface,
@@ -196,6 +202,7 @@ def unwrap(
             effort=effort,
             seed=seed,
             symmetry=symmetry,
+            executor=executor,
         )
     atlas = build_atlas(
         charted,

@@ -118,7 +118,7 @@ class PackOptions:
         return max(self.padding, _DIAGONAL) * float(2**self.mips)
 
     def check_area(self, area: float) -> None:
-        """Refuse a density that would overfill all pages, before there are charts.
+        """Refuse a density that overfills all pages or leaves no texel, before there are charts.
 
         Parameters
         ----------
@@ -130,6 +130,11 @@ class PackOptions:
         full = area * self.density**2 / MAX_SIDE**2
         if full > self.pages:
             raise self._too_dense(self.density, math.sqrt(full / self.pages), full / _FILL)
+        if area * self.density**2 < 1.0:
+            raise ValueError(
+                f"density: {self.density:g} texels a unit leave less than a texel for the surface; "
+                f"the density must be at least {1.0 / math.sqrt(area):.3g}"
+            )
 
     def _too_dense(self, density: float, times: float, pages: float) -> ValueError:
         least = math.ceil(pages)

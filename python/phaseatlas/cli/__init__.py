@@ -1,4 +1,4 @@
-"""The command line: segment, atlas, view, remesh, info, demo."""
+"""The command line: segment, atlas, batch, view, remesh, info, demo."""
 
 # Nothing is imported here that takes time: Ctrl-C is heard from the first moment on.
 import os

@@ -8,6 +8,7 @@ import typer
 
 from ..meanings import METRICS
 from .atlas import atlas
+from .batch import batch
 from .demo import demo
 from .meshes import info, remesh
 from .process import USAGE, checked, say
@@ -46,6 +47,6 @@ _FIGURES = "\b\nFigures of an atlas:\n" + "\n".join(
     f"  {name:10}  {meaning}" for name, meaning in METRICS.items()
 )
 
-for command in (segment, atlas, view, remesh, info, demo):
+for command in (segment, atlas, batch, view, remesh, info, demo):
     epilog = _FIGURES if command is atlas else None
     app.command(command.__name__, epilog=epilog)(checked(command))

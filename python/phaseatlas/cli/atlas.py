@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,12 +13,16 @@ from .output import check_output
 from .process import Record, say
 from .report import phases, progress, say_cut, say_metrics, say_pages, say_segmentation, say_written
 
-__all__ = ["atlas"]
+if TYPE_CHECKING:
+    from ..file_atlas import AtlasOptions
+
+__all__ = ["atlas", "chosen_options"]
 
 _SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz", ".html")
 
 
 def atlas(
+    context: typer.Context,
     mesh: options.MeshOrNpz,
     output: Annotated[
         Path,
@@ -77,45 +82,9 @@ def atlas(
         check_output(charts, [*inputs, output], ".glb", name="charts")
     if outlines is not None:
         check_output(outlines, [*inputs, output], ".svg", ".dxf", name="outlines")
-    parts = options.parsed_shares(shares)
-    from ..file_atlas import AtlasOptions, atlas_file
+    from ..file_atlas import atlas_file
 
-    options_of_file = AtlasOptions(
-        levels=levels,
-        shares=parts,
-        distortion=distortion,
-        max_distortion=max_distortion,
-        max_charts=max_charts,
-        effort=effort,
-        symmetry=symmetry,
-        stack=stack,
-        connected=connected,
-        law=law,
-        area=area,
-        epsilon=epsilon,
-        solver=solver,
-        initial=initial,
-        seed=seed,
-        flatten=flatten,
-        weld=weld,
-        cut=cut,
-        uv_set=uv_set,
-        texture=texture,
-        rebake=rebake,
-        resolution=resolution,
-        padding=padding,
-        charts=charts,
-        outlines=outlines,
-        unit=unit,
-        mips=mips,
-        density=density,
-        pages=pages,
-        udim=udim,
-        seam_cost=seam_cost,
-        seams=seams,
-        keep=tuple(keep or ()),
-        creases=creases,
-    )
+    options_of_file = chosen_options(context.params)
     with progress(levels) if options_of_file.by_tree else phases() as report:
         made = atlas_file(mesh, output, options_of_file, progress=report)
     for note in made.notes:
@@ -129,3 +98,17 @@ def atlas(
         say_metrics(made.atlas)
     say_written(*made.files)
     return made.record()
+
+
+def chosen_options(given: dict[str, Any]) -> AtlasOptions:
+    """Return the options of the library for those of a command, by their names."""
+    from ..file_atlas import AtlasOptions
+
+    changed = {
+        "shares": options.parsed_shares(given["shares"]),
+        "keep": tuple(given["keep"] or ()),
+    }
+    names = [field.name for field in fields(AtlasOptions)]
+    return AtlasOptions(
+        **{name: value for name, value in {**given, **changed}.items() if name in names}
+    )

@@ -8,13 +8,14 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ..plain import plain
 from ..quality import QualityWarning
 from . import options
 
@@ -151,26 +152,13 @@ def _write_record(path: Path, record: Record) -> None:
 
     from .._core import __version__
 
-    text = dumps({"version": __version__, **_plain(record)}, allow_nan=False)
+    text = dumps({"version": __version__, **plain(record)}, allow_nan=False)
     if str(path) == "-":
         say(text)
     else:
         from ..files import write_bytes
 
         write_bytes(path, f"{text}\n".encode())
-
-
-def _plain(value: Any) -> Any:
-    """Make what JSON can hold of a value; a number that is not finite is null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    return value if isinstance(value, int | str | None) else str(value)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..atlas import Atlas
+    from ..batching import BatchProgress, BatchResult
     from ..partitioning import Phase
     from ..scene.mesh import Mesh
     from ..scene.scene import Scene
@@ -23,8 +24,10 @@ if TYPE_CHECKING:
     from ..surface import Surface
 
 __all__ = [
+    "meshes",
     "phases",
     "progress",
+    "say_batch",
     "say_meshes",
     "say_metrics",
     "say_pages",
@@ -72,6 +75,29 @@ def phases() -> Iterator[Callable[[Phase], None] | None]:
 
 
 @contextmanager
+def meshes() -> Iterator[Callable[[BatchProgress], None]]:
+    """Give a callback that draws how far a batch is, or prints a line for each mesh."""
+    failures = 0
+
+    with _bar() as draw:
+
+        def tell(state: BatchProgress) -> None:
+            nonlocal failures
+            record = state.record
+            failures += record is not None and "error" in record
+            if draw is not None:
+                bad = f", {failures} failed" if failures else ""
+                draw((state.done, state.total, f"{state.done} of {state.total} meshes{bad}"))
+            elif record is not None:
+                made = (
+                    record.get("error") or f"{record['charts']} charts, {record['seconds']:.1f} s"
+                )
+                say(f"{state.done}/{state.total} {record['output']}: {made}")
+
+        yield tell
+
+
+@contextmanager
 def _bar() -> Iterator[Callable[[_Drawn], None] | None]:
     if verbose():
         yield _told()
@@ -116,6 +142,19 @@ def _told() -> Callable[[_Drawn], None]:
             last, step = now, reached
 
     return tell
+
+
+def say_batch(result: BatchResult) -> None:
+    """Print what became of the meshes of a batch."""
+    made = len(result.records) - len(result.failed) - result.skipped
+    _say_pairs(
+        {
+            "meshes": f"{len(result.records)}",
+            "finished before": f"{result.skipped}",
+            "made": f"{made}",
+            "failed": f"{len(result.failed)}",
+        }
+    )
 
 
 def say_surface(surface: Surface) -> None:

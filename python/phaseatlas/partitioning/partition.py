@@ -9,6 +9,7 @@ in the `partition` module of the core.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from time import perf_counter
 from typing import Literal, get_args, overload
 
@@ -20,9 +21,10 @@ from ..arrays import Ints
 from ..scene.scene import Scene
 from ..seam_costs import with_seam_cost
 from ..segmentation import SceneSegmentation, Segmentation
+from ..side_by_side import submitted
 from ..surface import Surface
 from .levels import Level, levels_of
-from .phases import Log, Phase, rating
+from .phases import Labelled, Log, Phase, rating, told
 from .pieces import first_copies, share_bound, warn_of_bounds
 from .record import Partition, by_area
 from .symmetry import AXES, Axis, mirror, mirrored_labels
@@ -83,6 +85,7 @@ def partition(  # type: ignore[overload-overlap]
     seam_cost: ArrayLike | None = None,
     keep: ArrayLike | None = None,
     creases: float | None = None,
+    executor: Executor | None = None,
     progress: Callable[[Phase], object] | None = None,
     symmetry: Axis | None = None,
 ) -> SceneSegmentation: ...
@@ -100,6 +103,7 @@ def partition(
     seam_cost: ArrayLike | None = None,
     keep: ArrayLike | None = None,
     creases: float | None = None,
+    executor: Executor | None = None,
     progress: Callable[[Phase], object] | None = None,
     symmetry: Axis | None = None,
 ) -> Partition: ...
@@ -116,6 +120,7 @@ def partition(
     seam_cost: ArrayLike | None = None,
     keep: ArrayLike | None = None,
     creases: float | None = None,
+    executor: Executor | None = None,
     progress: Callable[[Phase], object] | None = None,
     symmetry: Axis | None = None,
 ) -> Partition | SceneSegmentation:
@@ -144,8 +149,11 @@ def partition(
     seam_cost, keep, creases : optional
         Where seams may run, as in `with_seam_cost`; they and the cuts cost the factors times their
         lengths.
+    executor : concurrent.futures.Executor, optional
+        Runs the pieces of a scene side by side; the result does not depend on it.
     progress : callable, optional
-        Called with the `Phase` so far after each group of moves; a true answer stops the work.
+        Called with the `Phase` so far after each group of moves, with an executor after each
+        piece; a true answer stops the work.
     symmetry : {"x", "y", "z"}, optional
         Cut the surface along the plane across this axis on whose two sides it is the same, and give
         one half the mirror images of the charts of the other. Polygons across the plane are on one
@@ -183,29 +191,45 @@ def partition(
                 max_charts=None if max_charts is None else max(max_charts // 2, 1),
                 effort=effort,
                 seed=seed,
+                executor=executor,
                 progress=progress,
             ),
         )
 
-    def of_piece(piece: Surface, most: int | None) -> Partition:
-        return _partition(piece, distortion, max_distortion, most, effort, seed, progress)
+    def of_pieces(pieces: Sequence[Surface], most: Sequence[int | None]) -> list[Partition]:
+        calls = [
+            (piece, distortion, max_distortion, bound, effort, seed)
+            for piece, bound in zip(pieces, most, strict=True)
+        ]
+        if executor is None or len(calls) == 1:
+            found = [_labelled(*call, progress) for call in calls]
+        else:
+            with submitted(executor, _labelled, calls) as futures:
+                found = [told(future.result(), progress) for future in futures]
+        for (_, phases), bound in zip(found, most, strict=True):
+            warn_of_bounds(phases[-1], max_distortion, bound)
+        return [
+            Partition(piece, labels, diagnostics=phases)
+            for piece, (labels, phases) in zip(pieces, found, strict=True)
+        ]
 
     if not isinstance(surface, Scene):
-        return of_piece(surface, max_charts)
+        return of_pieces([surface], [max_charts])[0]
     surfaces = [piece.surface for piece in surface.pieces]
-    parts: list[Partition] = []
-    for each, first in zip(surfaces, first_copies(surfaces), strict=True):
-        if first == len(parts):
-            parts.append(of_piece(each, None))
-        else:
-            copied = parts[first]
-            parts.append(Partition(each, copied.labels, diagnostics=copied.diagnostics))
+    firsts = list(first_copies(surfaces))
+    own = [k for k, first in enumerate(firsts) if first == k]
+    made = dict(zip(own, of_pieces([surfaces[k] for k in own], [None] * len(own)), strict=True))
+    parts = [
+        made[first]
+        if first == k
+        else Partition(surfaces[k], made[first].labels, diagnostics=made[first].diagnostics)
+        for k, first in enumerate(firsts)
+    ]
     if max_charts is not None:
         bounds = share_bound([part.n_segments for part in parts], max_charts)
-        parts = [
-            part if part.n_segments <= bound else of_piece(part.surface, bound)
-            for part, bound in zip(parts, bounds, strict=True)
-        ]
+        again = [k for k, part in enumerate(parts) if part.n_segments > bounds[k]]
+        fewer = iter(of_pieces([surfaces[k] for k in again], [bounds[k] for k in again]))
+        parts = [next(fewer) if k in again else part for k, part in enumerate(parts)]
     return SceneSegmentation(surface, parts)
 
 
@@ -225,16 +249,16 @@ def _symmetric(
     return SceneSegmentation(surface, parts)
 
 
-def _partition(
+def _labelled(
     surface: Surface,
     distortion: float,
     max_distortion: float | None,
     max_charts: int | None,
     effort: Effort,
     seed: int,
-    progress: Callable[[Phase], object] | None,
-) -> Partition:
-    """Partition one piece."""
+    progress: Callable[[Phase], object] | None = None,
+) -> Labelled:
+    """Find the charts of one piece, in any process."""
     log = Log([], perf_counter(), progress)
     levels = levels_of(surface)
     cores = [level.surface.one_chart(distortion) for level in levels]
@@ -270,8 +294,7 @@ def _partition(
     last, labels = min(ends, key=lambda end: rating(end[0], max_charts, given))
     if len(ends) > 1:
         log.close(last)
-    warn_of_bounds(last, max_distortion, max_charts)
-    return Partition(surface, by_area(labels, surface), diagnostics=tuple(log.phases))
+    return by_area(labels, surface), tuple(log.phases)
 
 
 def _charts(

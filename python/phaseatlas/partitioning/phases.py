@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from time import perf_counter
 
 from .. import _core
+from ..arrays import Ints
 from ..segmentation import StoppedError
 from ..surface import Surface
 
-__all__ = ["Log", "Phase", "rating"]
+__all__ = ["Labelled", "Log", "Phase", "rating", "told"]
 
 
 @dataclass(frozen=True)
@@ -84,3 +85,14 @@ def rating(end: Phase, max_charts: int | None, weight: float) -> tuple[int, int,
     """How good an end is, what counts most first: the bound, overlaps, energy at one weight."""
     above = 0 if max_charts is None else max(end.n_charts - max_charts, 0)
     return above, end.n_overlapping, end.seam + end.cuts + weight * end.distortion
+
+
+#: The chart of each face of a piece, and the figures after each phase.
+Labelled = tuple[Ints, tuple[Phase, ...]]
+
+
+def told(found: Labelled, progress: Callable[[Phase], object] | None) -> Labelled:
+    """Report the end of a piece, and give the piece."""
+    if progress is not None and progress(found[1][-1]):
+        raise StoppedError("partition: stopped by the progress callback")
+    return found

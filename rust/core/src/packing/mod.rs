@@ -166,6 +166,24 @@ mod tests {
     }
 
     #[test]
+    fn a_gap_far_beyond_the_pieces_takes_no_memory() {
+        let (points, triangles, piece) = squares(3);
+        for length in [1e3, 1e6, 1e9] {
+            // Either there is room or there is none.
+            if let Ok(uv) = pack(&points, &triangles, &piece, Gap::Length(length)) {
+                assert!(
+                    uv.iter()
+                        .flatten()
+                        .flatten()
+                        .all(|x| (0.0..=1.0).contains(x))
+                );
+            }
+            let one = vec![0; piece.len()];
+            assert!(pack(&points, &triangles, &one, Gap::Length(length)).is_ok());
+        }
+    }
+
+    #[test]
     fn a_gap_as_a_length_is_kept_in_the_units_of_the_points() {
         for (count, length) in [(2, 0.3), (9, 0.05), (30, 4.0), (500, 0.1), (500, 20.0)] {
             let (points, triangles, piece) = squares(count);

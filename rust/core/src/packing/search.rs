@@ -82,6 +82,11 @@ impl Layout {
 /// The densest layout found whose pieces are `padding` of the side apart.
 pub(super) fn search(pieces: &[Piece], padding: Gap) -> Result<Layout> {
     let cells = CELLS.max((CELLS_PER_PIECE * (pieces.len() as f64).sqrt()).ceil() as usize);
+    let padding = match padding {
+        // One piece has no neighbour: a gap beyond its size would only cost memory.
+        Gap::Length(length) if pieces.len() == 1 => Gap::Length(length.min(pieces[0].sides[0])),
+        other => other,
+    };
     let no_room = || Error::Parameter {
         argument: "padding",
         value: padding.value(),
@@ -261,6 +266,12 @@ fn largest_scale(pieces: &[Piece], cells: usize, padding: Gap) -> Option<(f64, S
         .map(|piece| piece.sides[0])
         .fold(0.0, f64::max);
     let mut high = cells as f64 * (1.0 / area.sqrt()).min(1.0 / longest);
+    if let Gap::Length(length) = padding
+        && pieces.len() > 1
+    {
+        // Two pieces so far apart reach over the whole square.
+        high = high.min(cells as f64 / length);
+    }
     let quick = pieces.len() > MOST_SEARCHED;
     if quick {
         // What fits is near the scale at which the pieces and their gaps fill most of the square.

@@ -1,0 +1,89 @@
+"""One mesh of a batch, from its file to its record; any process can do it."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import threading
+import time
+import warnings
+from pathlib import Path
+
+from .. import _core
+from ..file_atlas import AtlasOptions, atlas_file
+from .manifest import Record
+
+__all__ = ["digest", "failed", "make", "reason"]
+
+# Warnings are caught for the process as a whole, and one mesh has all its threads.
+_one_at_a_time = threading.Lock()
+
+
+def make(source: Path, folder: Path, output: str, options: AtlasOptions) -> Record:
+    """Make the atlas of a file and return its line of the manifest; what fails is in the line."""
+    with _one_at_a_time, warnings.catch_warnings():
+        # They are in the record.
+        warnings.simplefilter("ignore")
+        # The readers of files log what they cannot use; it is said once, by the error.
+        logging.getLogger("trimesh").setLevel(logging.CRITICAL)
+        start = time.perf_counter()
+        sha256 = None
+        try:
+            sha256 = digest(source)
+            (folder / output).parent.mkdir(parents=True, exist_ok=True)
+            made = atlas_file(source, folder / output, options).record()
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:
+            # A panic of the core is no `Exception`.
+            seconds = time.perf_counter() - start
+            return failed(source, output, options, reason(error), sha256, seconds)
+    head = _head(source, output, sha256, options)
+    return {
+        **head,
+        **made,
+        **head,
+        "files": [os.path.relpath(file, folder).replace(os.sep, "/") for file in made["files"]],
+    }
+
+
+def failed(
+    source: Path,
+    output: str,
+    options: AtlasOptions,
+    error: str,
+    sha256: str | None = None,
+    seconds: float | None = None,
+) -> Record:
+    """The line of a mesh without an atlas."""
+    words = error.removeprefix(f"{source}: ")
+    return {**_head(source, output, sha256, options), "seconds": seconds, "error": words}
+
+
+def _head(source: Path, output: str, sha256: str | None, options: AtlasOptions) -> Record:
+    return {
+        "input": str(source),
+        "output": output,
+        "sha256": sha256,
+        "options": options.given(),
+        "version": _core.__version__,
+    }
+
+
+def digest(path: Path) -> str:
+    """The SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def reason(error: BaseException) -> str:
+    """What went wrong, in one line."""
+    if isinstance(error, OSError) and error.strerror is not None:
+        words = error.strerror.lower()
+        words = words if error.filename is None else f"{error.filename}: {words}"
+    elif isinstance(error, (ValueError, RuntimeError, OSError, ImportError, MemoryError)):
+        words = str(error) or type(error).__name__
+    else:
+        words = f"{type(error).__name__}: {error}"
+    return " ".join(words.split())
