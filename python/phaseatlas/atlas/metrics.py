@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 from .. import _core
 from ..arrays import Bools, Floats, Ints
@@ -103,6 +100,8 @@ class UvTopology:
         (m, 3) bool, whether edge (k, k + 1 mod 3) of a face lies on the boundary of its chart.
     seams
         (m, 3) bool, those open edges that have a face on their other side.
+    layout
+        The same in the core.
     """
 
     chart: Ints
@@ -111,6 +110,7 @@ class UvTopology:
     n_vertices: int
     open_edges: Bools
     seams: Bools
+    layout: _core.Layout
 
 
 def atlas_metrics(
@@ -239,35 +239,18 @@ def uv_topology(surface: Surface, uv: Floats) -> UvTopology:
     UvTopology
         Charts, split vertices and boundary edges.
     """
-    m = surface.n_faces
-    start, end = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()
-    key, twin_key = start * surface.n_vertices + end, end * surface.n_vertices + start
-    order = np.argsort(key)
-    slot = np.minimum(np.searchsorted(key[order], twin_key), 3 * m - 1)
-    twin = order[slot]
-    inner = key[twin] == twin_key
-
-    corners = np.arange(3 * m)
-    following = np.roll(corners.reshape(m, 3), -1, axis=1).ravel()
-    flat = uv.reshape(-1, 2)
+    flat = np.ascontiguousarray(uv.reshape(-1, 2))
     tolerance = _UV_TOLERANCE * float(np.ptp(flat, axis=0).max())
-    apart = np.maximum(
-        np.abs(flat[corners] - flat[following[twin]]).max(axis=1),
-        np.abs(flat[following] - flat[twin]).max(axis=1),
-    )
-    joined = inner & (apart <= tolerance)
-
-    n_charts, chart = _components(m, corners[joined] // 3, twin[joined] // 3)
-    pairs = np.concatenate([corners[joined], following[joined]])
-    mates = np.concatenate([following[twin[joined]], twin[joined]])
-    n_vertices, corner = _components(3 * m, pairs, mates)
+    layout = _core.Layout(surface._mesh, flat, tolerance)
+    joined = layout.joined()
     return UvTopology(
-        chart=chart,
-        n_charts=n_charts,
-        corner=corner.reshape(m, 3),
-        n_vertices=n_vertices,
-        open_edges=~joined.reshape(m, 3),
-        seams=(inner & ~joined).reshape(m, 3),
+        chart=layout.charts(),
+        n_charts=layout.n_charts,
+        corner=layout.corners(),
+        n_vertices=layout.n_vertices,
+        open_edges=~joined,
+        seams=(surface.face_neighbours >= 0) & ~joined,
+        layout=layout,
     )
 
 
@@ -290,41 +273,7 @@ def yamabe_factors(surface: Surface, topology: UvTopology) -> Floats:
     (p,) float64 array
         One value per vertex of the cut surface; nan on charts without a boundary.
     """
-    n = topology.n_vertices
-    cotangents, angles = _corner_angles(surface)
-    i, j = (
-        np.roll(topology.corner, -1, axis=1).ravel(),
-        np.roll(topology.corner, -2, axis=1).ravel(),
-    )
-    half = 0.5 * cotangents.ravel()
-    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([j, i, i, j])
-    values = np.concatenate([-half, -half, half, half])
-    stiffness = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
-    total = np.bincount(topology.corner.ravel(), weights=angles.ravel(), minlength=n)
-    defect = 2.0 * np.pi - total.astype(np.float64)
-
-    on_boundary = np.zeros(n, dtype=bool)
-    on_boundary[topology.corner[topology.open_edges]] = True
-    on_boundary[np.roll(topology.corner, -1, axis=1)[topology.open_edges]] = True
-    has_boundary = np.zeros(topology.n_charts, dtype=bool)
-    has_boundary[topology.chart[topology.open_edges.any(axis=1)]] = True
-    closed = np.zeros(n, dtype=bool)
-    closed[topology.corner[~has_boundary[topology.chart]]] = True
-
-    factors = np.zeros(n)
-    factors[closed] = np.nan
-    free = np.flatnonzero(~on_boundary & ~closed)
-    if free.size:
-        factors[free] = _solve(stiffness[free][:, free], -defect[free])
-    return factors
-
-
-def _solve(matrix: csc_array, right: Floats) -> Floats:
-    # The matrix is symmetric and, obtuse triangles aside, definite: pivoting would only cost fill.
-    options = {"SymmetricMode": True}
-    factor = splu(csc_array(matrix), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    solution: Floats = factor.solve(right)
-    return solution
+    return topology.layout.log_scales(surface._mesh)
 
 
 def checked_uv(surface: Surface, uv: Floats) -> Floats:
@@ -337,12 +286,6 @@ def checked_uv(surface: Surface, uv: Floats) -> Floats:
         face, corner = (int(k) for k in np.argwhere(~finite)[0])
         raise ValueError(f"uv[{face}, {corner}]: {uv[face, corner]} must be finite numbers")
     return uv
-
-
-def _components(n: int, a: Ints, b: Ints) -> tuple[int, Ints]:
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label.astype(np.int64)
 
 
 def _distortion(s1: Floats, s2: Floats, areas: Floats) -> dict[str, float]:
@@ -359,15 +302,6 @@ def _edge_lengths(surface: Surface) -> Floats:
     points = surface.vertices[surface.faces]
     lengths: Floats = np.linalg.norm(np.roll(points, -1, axis=1) - points, axis=2)
     return lengths
-
-
-def _corner_angles(surface: Surface) -> tuple[Floats, Floats]:
-    """Cotangent and angle at every corner."""
-    points = surface.vertices[surface.faces]
-    a, b = np.roll(points, -1, axis=1) - points, np.roll(points, -2, axis=1) - points
-    dot = np.einsum("fkd,fkd->fk", a, b)
-    cross = np.linalg.norm(np.cross(a, b), axis=2)
-    return dot / cross, np.arctan2(cross, dot)
 
 
 def singular_values(surface: Surface, uv: Floats) -> tuple[Floats, Floats, Floats]:
@@ -422,13 +356,8 @@ def _longest(uv: Floats) -> Floats:
 
 def _crossing(uv: Floats, topology: UvTopology) -> int:
     """Number of charts whose boundary crosses itself."""
-    points = np.empty((topology.n_vertices, 2))
-    points[topology.corner] = uv
     thin = THIN * float(np.ptp(uv, axis=(0, 1)).max())
-    order = np.argsort(topology.chart, kind="stable")
-    ends = np.cumsum(np.bincount(topology.chart, minlength=topology.n_charts))
-    charts = np.split(topology.corner[order], ends[:-1])
-    return sum(_core.faults(corners, points, thin)[1] for corners in charts)
+    return topology.layout.crossing(np.ascontiguousarray(uv.reshape(-1, 2)), thin)
 
 
 def _overlap(uv: Floats, resolution: int) -> float:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from .. import _core
 from ..arrays import Floats, Ints
@@ -63,7 +61,7 @@ def pack(
         ]
     )
     faces = np.concatenate([chart.faces[chart.labelled] for chart in charts])
-    count, piece = edge_components(triangles)
+    count, piece = _core.edge_components(triangles)
     _check_shapes(points, triangles, faces, piece, first)
 
     largest = _core.most_padding(count)
@@ -118,13 +116,3 @@ def _check_shapes(points: Floats, triangles: Ints, faces: Ints, piece: Ints, fir
         face = int(flat[0])
         chart = int(np.searchsorted(first, triangles[face, 0], side="right")) - 1
         raise ValueError(f"charts[{chart}].uv: the piece at face {faces[face]} must have an area")
-
-
-def edge_components(triangles: Ints) -> tuple[int, Ints]:
-    """Number of edge-connected parts and the part of each triangle."""
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, edge = np.unique(edges, axis=0, return_inverse=True)
-    owner = np.repeat(np.arange(len(triangles)), 3)
-    incidence = coo_array((np.ones(len(edge)), (owner, edge.ravel()))).tocsr()
-    count, part = connected_components(incidence @ incidence.T, directed=False)
-    return int(count), part.astype(np.int64)
