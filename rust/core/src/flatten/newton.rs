@@ -135,8 +135,9 @@ impl Sums {
 
     /// Adds to the gradient at a point.
     pub fn add_gradient(&mut self, v: u32, gradient: Point) {
-        for axis in 0..2 {
-            self.right[2 * v as usize + axis] -= gradient[axis];
+        let right = &mut self.right[2 * v as usize..][..2];
+        for (value, slope) in right.iter_mut().zip(gradient) {
+            *value -= slope;
         }
     }
 

@@ -298,9 +298,8 @@ mod tests {
         ] {
             let found = nearest(corners, point);
             assert!((found.0 - distance).abs() < 1e-12);
-            for k in 0..3 {
-                assert!((found.1[k] - shares[k]).abs() < 1e-12);
-            }
+            let pairs = found.1.iter().zip(shares);
+            assert!(pairs.into_iter().all(|(x, y)| (x - y).abs() < 1e-12));
         }
     }
 

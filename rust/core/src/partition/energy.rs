@@ -84,7 +84,7 @@ impl Rule {
 
     /// Whether the cost is known without a look at the faces.
     fn is_certain(&self, terms: &Terms) -> bool {
-        !(self.injective && self.upright) || !terms.simple || terms.flips.is_some()
+        !(self.injective && self.upright && terms.simple) || terms.flips.is_some()
     }
 
     /// The cost if no face is turned over.

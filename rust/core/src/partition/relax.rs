@@ -196,8 +196,11 @@ pub(super) fn carried(
     labels
 }
 
+/// Pairs of charts.
+type Pairs = Vec<(u32, u32)>;
+
 /// The first pairs that have no chart in common, whose moves do not see each other, and the others.
-fn apart(pairs: Vec<(u32, u32)>) -> (Vec<(u32, u32)>, Vec<(u32, u32)>) {
+fn apart(pairs: Pairs) -> (Pairs, Pairs) {
     let mut taken = BTreeSet::new();
     pairs.into_iter().partition(|&(a, b)| {
         let free = !taken.contains(&a) && !taken.contains(&b);
