@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+import phaseatlas as pa
 from phaseatlas import datasets
 
 PEER = """
@@ -38,12 +39,8 @@ print(atlas.chart_count, "charts")
 
 def write_input(mesh: Path | None, n_faces: int, path: Path) -> int:
     """Write a fine surface and return the number of its faces."""
-    if mesh is None:
-        surface = datasets.starfish(5)
-        vertices, faces = surface.vertices, surface.faces
-    else:
-        coarse = trimesh.load(mesh, process=False, force="mesh")
-        vertices, faces = coarse.vertices, coarse.faces
+    surface = datasets.starfish(5) if mesh is None else pa.load(mesh)
+    vertices, faces = surface.vertices, surface.faces
     while len(faces) < n_faces:
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)
     fine = trimesh.Trimesh(vertices, faces, process=False)
