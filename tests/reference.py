@@ -783,3 +783,49 @@ def is_bijection(triangles, uv):
                 if on(a, b, q) or on(c, d, p):
                     return False
     return True
+
+
+def layout_of(faces, uv, tolerance):
+    """Chart of each face and cut vertex of each corner of a layout, by trying all pairs."""
+    corners = [(f, k) for f in range(len(faces)) for k in range(3)]
+    chart, vertex = list(range(len(faces))), {corner: i for i, corner in enumerate(corners)}
+
+    def join(labels, keys, a, b):
+        low, high = sorted((labels[a], labels[b]))
+        for key in keys:
+            if labels[key] == high:
+                labels[key] = low
+
+    for f, k in corners:
+        for g, i in corners:
+            after, behind = (f, (k + 1) % 3), (g, (i + 1) % 3)
+            if faces[f][k] != faces[behind[0]][behind[1]] or faces[g][i] != faces[f][after[1]]:
+                continue
+            gaps = [uv[f][k] - uv[behind[0]][behind[1]], uv[after[0]][after[1]] - uv[g][i]]
+            if np.abs(gaps).max() <= tolerance:
+                join(chart, range(len(faces)), f, g)
+                join(vertex, corners, (f, k), behind)
+                join(vertex, corners, after, (g, i))
+    number = {label: i for i, label in enumerate(dict.fromkeys(vertex.values()))}
+    order = {label: i for i, label in enumerate(dict.fromkeys(chart))}
+    cut = np.array([[number[vertex[f, k]] for k in range(3)] for f in range(len(faces))])
+    return np.array([order[label] for label in chart]), cut
+
+
+def edge_components(triangles):
+    """Component over common edges of each triangle, in the order of their first ones."""
+    sides = [{frozenset(pair) for pair in ((a, b), (b, c), (c, a))} for a, b, c in triangles]
+    found = [-1] * len(sides)
+    count = 0
+    for first in range(len(sides)):
+        if found[first] >= 0:
+            continue
+        waiting, found[first] = [first], count
+        while waiting:
+            f = waiting.pop()
+            for g in range(len(sides)):
+                if found[g] < 0 and sides[f] & sides[g]:
+                    found[g] = count
+                    waiting.append(g)
+        count += 1
+    return found

@@ -12,6 +12,7 @@ import generated
 import phaseatlas as pa
 import reference
 from phaseatlas import _core
+from phaseatlas.points import flat_areas
 
 METHODS = ["isometric", "bff"]
 
@@ -68,6 +69,19 @@ def test_isometric_maps_are_at_rest():
     )
     assert rest[0] < start[0]
     assert np.abs(rest[1]).max() < 0.01 * np.abs(start[1]).max()
+
+
+def test_large_charts_are_mapped_as_well_as_small_ones():
+    # Above 40,000 faces the vertices of a chart move with those of a simplified one.
+    excess = []
+    for cells in (60, 150):
+        surface = pa.datasets.sheet(cells, cells, amplitude=0.15, periods=1)
+        cut = surface.cut_to_disk(np.arange(surface.n_faces))
+        uv = _core.isometric(cut.mesh)
+        uv *= np.sqrt(surface.area / flat_areas(uv[cut.triangles]).sum())
+        excess.append(_core.symmetric_dirichlet(cut.mesh, uv)[0] - 4)
+        assert _core.faults(cut.triangles, uv, 0.0) == (0, False, 0)
+    assert excess[1] < 1.05 * excess[0]
 
 
 @pytest.mark.parametrize("flatten", METHODS)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import reference
 from phaseatlas import datasets
 from phaseatlas.atlas.metrics import atlas_metrics, uv_topology, yamabe_factors
 from phaseatlas.surface import Surface
@@ -157,6 +158,43 @@ def test_hemisphere_shrinks_like_the_stereographic_projection():
     np.testing.assert_allclose(factors, -np.log1p(height), atol=3e-3)
     mean_square = 2.0 * math.log(2.0) ** 2 - 4.0 * math.log(2.0) + 2.0
     assert atlas_metrics(surface, uv, **SMALL)["yamabe"] == pytest.approx(mean_square, rel=1e-2)
+
+
+def cut_in_three(surface):
+    """A UV layout of three parts of a surface, two of which touch at a vertex."""
+    uv = surface.vertices[surface.faces][..., :2].copy()
+    centres = uv.mean(axis=1)
+    parts = (centres[:, 0] > 1.0).astype(int) + 2 * (centres[:, 1] > 1.0)
+    parts[parts == 3] = 0
+    return uv + 10.0 * parts[:, None, None]
+
+
+def test_topology_is_that_of_the_twin():
+    surface = datasets.sheet(6, 5, size=(2.0, 2.0))
+    uv = cut_in_three(surface)
+    topology = uv_topology(surface, uv)
+    chart, corner = reference.layout_of(surface.faces, uv, 1e-9)
+    np.testing.assert_array_equal(topology.chart, chart)
+    np.testing.assert_array_equal(topology.corner, corner)
+    assert (topology.n_charts, topology.n_vertices) == (chart.max() + 1, corner.max() + 1)
+
+
+def test_factors_are_those_of_the_twin():
+    surface = datasets.sheet(9, 8, size=(2.0, 2.0), amplitude=0.2, periods=1)
+    topology = uv_topology(surface, cut_in_three(surface))
+    factors = yamabe_factors(surface, topology)
+    for chart in range(topology.n_charts):
+        corners = topology.corner[topology.chart == chart]
+        members, faces = np.unique(corners, return_inverse=True)
+        origin = np.empty(topology.n_vertices, dtype=int)
+        origin[topology.corner] = surface.faces
+        vertices, faces = surface.vertices[origin[members]], faces.reshape(-1, 3)
+        matrix = reference.weighted_stiffness(vertices, faces, np.ones(len(vertices)))
+        inner = np.flatnonzero(~reference.boundary_vertices(vertices, faces))
+        expected = np.zeros(len(vertices))
+        defects = reference.angle_defects(vertices, faces)[inner]
+        expected[inner] = np.linalg.solve(matrix[np.ix_(inner, inner)], -defects)
+        np.testing.assert_allclose(factors[members], expected, atol=1e-11)
 
 
 def test_closed_chart_has_no_yamabe_energy():

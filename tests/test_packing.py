@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
+import reference
 from phaseatlas import _core, datasets
 from phaseatlas.atlas import Chart
 from phaseatlas.atlas.packing import pack
@@ -380,3 +381,10 @@ def test_a_rectangle_fills_its_longer_side():
     points = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)])
     uv = _core.pack(points, np.array([(0, 1, 2), (0, 2, 3)]), np.zeros(2, dtype=np.int64), 0.0)
     assert signed_areas(uv).sum() > 0.5 - 1e-6
+
+
+@given(st.lists(st.lists(st.integers(0, 12), min_size=3, max_size=3), min_size=1, max_size=20))
+def test_pieces_are_those_of_the_twin(triangles):
+    count, piece = _core.edge_components(np.array(triangles, dtype=np.int64))
+    assert piece.tolist() == reference.edge_components(triangles)
+    assert count == piece.max() + 1

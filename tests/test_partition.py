@@ -445,3 +445,36 @@ def test_copies_of_a_piece_are_cut_once_and_alike() -> None:
     assert (labels[0] != labels[3]).any()
     for part, piece in zip(found.parts, found.surface.pieces, strict=True):
         assert part.surface is piece.surface
+
+
+def test_carried_boundaries_are_drawn_straight() -> None:
+    surface = datasets.sheet(40, 40)
+    x, y, _ = surface.vertices[surface.faces].mean(axis=1).T
+    middle = 0.5 * surface.vertices[:, 0].max()
+    jagged = x + 0.03 * np.sign(np.sin(60 * y)) > middle
+    core = surface.one_chart(600.0)
+    core.carry_labels(jagged.astype(np.int64), np.zeros(surface.n_faces), 3.0)
+    seam, charts = core.figures()[1], core.figures()[6]
+    assert charts == 2
+    assert seam == pytest.approx(1.0, rel=0.02)
+    # On a flat sheet nothing else tells where a boundary belongs; the sensitivity does.
+    pushed = np.where(jagged, 0.0, 1.0)
+    core.carry_labels(jagged.astype(np.int64), pushed, 3.0)
+    moved = np.bincount(core.labels(), surface.face_areas)
+    assert not np.isclose(moved[0], moved[1], rtol=0.02)
+
+
+def test_condemned_chart_is_split() -> None:
+    surface = datasets.sheet(12, 10)
+    core = surface.one_chart(600.0)
+    core.forbid_overlap()
+    assert core.failing().tolist() == []
+    core.condemn(np.array([0]))
+    assert core.failing().tolist() == [0]
+    assert core.figures()[7] == 1
+    assert core.split_failing(2) == 1
+    core.merge()
+    assert core.figures()[6] > 1
+    assert core.failing().tolist() == []
+    with pytest.raises(ValueError, match=r"labels"):
+        core.condemn(np.array([9]))

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from .. import _core
 from ..arrays import Bools, Floats, Ints
@@ -232,41 +230,7 @@ def yamabe_factors(surface: Surface, topology: UvTopology) -> Floats:
     (p,) float64 array
         One value per vertex of the cut surface; nan on charts without a boundary.
     """
-    n = topology.n_vertices
-    cotangents, angles = _corner_angles(surface)
-    i, j = (
-        np.roll(topology.corner, -1, axis=1).ravel(),
-        np.roll(topology.corner, -2, axis=1).ravel(),
-    )
-    half = 0.5 * cotangents.ravel()
-    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([j, i, i, j])
-    values = np.concatenate([-half, -half, half, half])
-    stiffness = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
-    total = np.bincount(topology.corner.ravel(), weights=angles.ravel(), minlength=n)
-    defect = 2.0 * np.pi - total.astype(np.float64)
-
-    on_boundary = np.zeros(n, dtype=bool)
-    on_boundary[topology.corner[topology.open_edges]] = True
-    on_boundary[np.roll(topology.corner, -1, axis=1)[topology.open_edges]] = True
-    has_boundary = np.zeros(topology.n_charts, dtype=bool)
-    has_boundary[topology.chart[topology.open_edges.any(axis=1)]] = True
-    closed = np.zeros(n, dtype=bool)
-    closed[topology.corner[~has_boundary[topology.chart]]] = True
-
-    factors = np.zeros(n)
-    factors[closed] = np.nan
-    free = np.flatnonzero(~on_boundary & ~closed)
-    if free.size:
-        factors[free] = _solve(stiffness[free][:, free], -defect[free])
-    return factors
-
-
-def _solve(matrix: csc_array, right: Floats) -> Floats:
-    # The matrix is symmetric and, obtuse triangles aside, definite: pivoting would only cost fill.
-    options = {"SymmetricMode": True}
-    factor = splu(csc_array(matrix), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    solution: Floats = factor.solve(right)
-    return solution
+    return topology.layout.log_scales(surface._mesh)
 
 
 def checked_uv(surface: Surface, uv: Floats) -> Floats:
@@ -295,15 +259,6 @@ def _edge_lengths(surface: Surface) -> Floats:
     points = surface.vertices[surface.faces]
     lengths: Floats = np.linalg.norm(np.roll(points, -1, axis=1) - points, axis=2)
     return lengths
-
-
-def _corner_angles(surface: Surface) -> tuple[Floats, Floats]:
-    """Cotangent and angle at every corner."""
-    points = surface.vertices[surface.faces]
-    a, b = np.roll(points, -1, axis=1) - points, np.roll(points, -2, axis=1) - points
-    dot = np.einsum("fkd,fkd->fk", a, b)
-    cross = np.linalg.norm(np.cross(a, b), axis=2)
-    return dot / cross, np.arctan2(cross, dot)
 
 
 def singular_values(surface: Surface, uv: Floats) -> tuple[Floats, Floats, Floats]:
@@ -358,13 +313,8 @@ def _longest(uv: Floats) -> Floats:
 
 def _crossing(uv: Floats, topology: UvTopology) -> int:
     """Number of charts whose boundary crosses itself."""
-    points = np.empty((topology.n_vertices, 2))
-    points[topology.corner] = uv
     thin = THIN * float(np.ptp(uv, axis=(0, 1)).max())
-    order = np.argsort(topology.chart, kind="stable")
-    ends = np.cumsum(np.bincount(topology.chart, minlength=topology.n_charts))
-    charts = np.split(topology.corner[order], ends[:-1])
-    return sum(_core.faults(corners, points, thin)[1] for corners in charts)
+    return topology.layout.crossing(np.ascontiguousarray(uv.reshape(-1, 2)), thin)
 
 
 def _overlap(uv: Floats, resolution: int, pages: Ints | None) -> float:

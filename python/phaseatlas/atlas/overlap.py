@@ -19,7 +19,7 @@ from ..scene.gltf import ruin_of_single_precision, translation
 from ..scene.gltf_files import glb_bytes
 from ..scene.gltf_slots import attribute, indices, settle
 from .charts import Chart, Layout
-from .packing import edge_components, pack
+from .packing import pack
 
 __all__ = ["charts_glb", "injective", "pack_domains", "save_charts"]
 
@@ -87,7 +87,7 @@ def _kept(chart: Chart, resolution: int) -> Bools:
         if not len(twice):
             break
         kept[twice] = False
-    part = edge_components(chart.triangles[kept])[1]
+    part = _core.edge_components(chart.triangles[kept])[1]
     kept[kept] = np.isin(part, part[chart.labelled[kept]])
     return kept
 

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from .. import _core
 from ..arrays import Floats, Ints
@@ -139,7 +137,7 @@ def gather(charts: Sequence[Chart], n_faces: int) -> Pieces:
         ]
     )
     faces = np.concatenate([chart.faces[chart.labelled] for chart in charts])
-    _, piece = edge_components(triangles)
+    _, piece = _core.edge_components(triangles)
     _check_shapes(points, triangles, faces, piece, first)
     sizes = [int(np.count_nonzero(chart.labelled)) for chart in charts]
     return Pieces(points, triangles, faces, piece, np.repeat(np.arange(len(charts)), sizes))
@@ -207,13 +205,3 @@ def _check_shapes(points: Floats, triangles: Ints, faces: Ints, piece: Ints, fir
         face = int(flat[0])
         chart = int(np.searchsorted(first, triangles[face, 0], side="right")) - 1
         raise ValueError(f"charts[{chart}].uv: the piece at face {faces[face]} must have an area")
-
-
-def edge_components(triangles: Ints) -> tuple[int, Ints]:
-    """Number of edge-connected parts and the part of each triangle."""
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, edge = np.unique(edges, axis=0, return_inverse=True)
-    owner = np.repeat(np.arange(len(triangles)), 3)
-    incidence = coo_array((np.ones(len(edge)), (owner, edge.ravel()))).tocsr()
-    count, part = connected_components(incidence @ incidence.T, directed=False)
-    return int(count), part.astype(np.int64)

@@ -23,6 +23,7 @@ from ..seam_costs import with_seam_cost
 from ..segmentation import SceneSegmentation, Segmentation
 from ..side_by_side import submitted
 from ..surface import Surface
+from .descent import SOLVED, carry, carry_far, descend, repair
 from .levels import Level, levels_of
 from .phases import Labelled, Log, Phase, rating, told
 from .pieces import first_copies, share_bound, warn_of_bounds
@@ -49,22 +50,8 @@ _BATCH = 4
 _CELLS = 60
 # Width of the first bands around boundaries that come from a simplified surface, in mean edges.
 _REACH = 1.5
-# The same around boundaries that are at rest there, in mean edges of the simplified surface, and
-# the exact energies that a sweep asks for at each boundary, at most.
-_CARRY = 0.75
-_TRIES = 1
-# Rounds of relaxing and merging, sweeps in each, and the gain that is worth another round.
-_ROUNDS = 3
-_SWEEPS = 16
-_WORTH = 1e-3
-# Faces that the sweeps of a round look at together: a million takes about 10 s of CPU time; and
-# those on a surface whose boundaries have come to rest on a simplified one.
-_SWEPT = 1_600_000
-_SWEPT_AGAIN = 400_000
 # Faces above which overlaps are sought and mended on the next coarser surface first.
 _REPAIRED = 200_000
-# Rounds of splitting charts that overlap themselves.
-_REPAIRS = 12
 # Energy of a chart, besides its seams and its distortion.
 _A_CHART = 0.1
 # Weights of the distortion between which bounds are met, steps of the bisection, attempts at it.
@@ -127,7 +114,8 @@ def partition(
     """Cut a surface into the charts that cost least in seam, cuts and distortion together.
 
     Every chart is connected, and a disk once it is cut along the cuts that are counted; its
-    boundary-first map covers no point twice and turns no face over.
+    boundary-first map covers no point twice and turns no face over, but for single faces of a
+    surface of more than 400,000.
 
     Parameters
     ----------
@@ -316,30 +304,20 @@ def _charts(
     if bound is not None:
         _merge_down(cores[0], levels[0].surface, *bound, log)
     surface = levels[-1].surface
+    upright = surface.n_faces <= SOLVED
     for k in range(1, len(levels)):
+        if levels[k].carried and k == len(levels) - 1 and surface.n_faces > _REPAIRED:
+            # So that few charts fail where a repair takes long.
+            repair(cores[k - 1], levels[k - 1].surface, log, upright)
+        if levels[k].carried and levels[k].surface.n_faces > SOLVED:
+            carry_far(cores[k - 1 : k + 1], levels[k - 1 : k + 1], log)
+            continue
         labels = cores[k - 1].labels()[levels[k].parents]
         if levels[k].carried:
-            if k == len(levels) - 1 and surface.n_faces > _REPAIRED:
-                # So that few charts fail where a repair takes long.
-                _repair(cores[k - 1], levels[k - 1].surface, log)
-            _carry(cores[k], levels[k - 1 : k + 1], labels, log)
+            carry(cores[k], levels[k - 1 : k + 1], labels, log)
         else:
             _refine(cores[k], levels[k].surface, labels, log)
-    return _repair(cores[-1], surface, log)
-
-
-def _carry(core: _core.Partition, levels: Sequence[Level], labels: Ints, log: Log) -> None:
-    """Relax labels that are at rest on the first of two surfaces a little on the second one."""
-    before, surface = (level.surface for level in levels)
-    ratio = before.mean_edge_length / surface.mean_edge_length
-    core.set_labels(labels, _CARRY * ratio)
-    core.limit_tries(_TRIES)
-    for _ in range(max(1, _SWEPT_AGAIN // surface.n_faces)):
-        more = core.sweep()
-        log.note("refine", surface, core)
-        if not more:
-            break
-    log.close(log.note("refine", surface, core))
+    return repair(cores[-1], surface, log, upright)
 
 
 def _perturbations(effort: Effort, surface: Surface) -> int:
@@ -357,7 +335,7 @@ def _search(
     log.close(log.note("cells", surface, core))
     core.merge()
     log.close(log.note("merge", surface, core))
-    rest = _descend(core, surface, "relax", log)
+    rest = descend(core, surface, "relax", log)
     log.close(rest)
     # A second chart alone costs more than a disk of this energy.
     if rest.n_charts == 1 and rest.cuts == 0 and rest.energy <= 2 * _A_CHART:
@@ -365,7 +343,7 @@ def _search(
     for first in range(0, perturbations, _BATCH):
         core.perturb(seed, first, min(first + _BATCH, perturbations))
         log.note("perturb", surface, core)
-    log.close(_descend(core, surface, "perturb", log))
+    log.close(descend(core, surface, "perturb", log))
 
 
 def _merge_down(
@@ -375,52 +353,14 @@ def _merge_down(
     charts = Segmentation(surface, core.labels())
     if charts.n_segments > most:
         core.set_labels(charts.merge_tree(distortion).at(most).labels, _REACH)
-        log.close(_descend(core, surface, "merge", log))
+        log.close(descend(core, surface, "merge", log))
 
 
 def _refine(core: _core.Partition, surface: Surface, labels: Ints, log: Log) -> None:
     """Relax labels that come from a simplified surface."""
     core.allow_overlap()
     core.set_labels(labels, _REACH)
-    log.close(_descend(core, surface, "refine", log))
-
-
-def _repair(core: _core.Partition, surface: Surface, log: Log) -> Phase:
-    """See to it that no chart overlaps itself and none is tiny."""
-    core.forbid_overlap()
-    for k in range(_REPAIRS):
-        if log.note("repair", surface, core).n_overlapping == 0:
-            break
-        # Where it takes little, the boundaries alone can do it.
-        core.sweep()
-        if core.split_failing(2 + k // 2) == 0:
-            break
-        core.merge()
-        _descend(core, surface, "repair", log)
-    core.resize_tiny()
-    last = log.note("repair", surface, core)
-    log.close(last)
-    return last
-
-
-def _descend(core: _core.Partition, surface: Surface, name: str, log: Log) -> Phase:
-    """Relax and merge until the energy rests."""
-    phase = log.note(name, surface, core)
-    left = max(1, _SWEPT // surface.n_faces)
-    for _ in range(_ROUNDS):
-        energy, n_charts = phase.energy, phase.n_charts
-        for _ in range(min(_SWEEPS, left)):
-            left -= 1
-            more = core.sweep()
-            log.note(name, surface, core)
-            if not more:
-                break
-        core.merge()
-        phase = log.note(name, surface, core)
-        # A merge leaves boundaries to move, what is less than that does not pay.
-        if not phase.energy < (1 - _WORTH) * energy or phase.n_charts == n_charts:
-            break
-    return phase
+    log.close(descend(core, surface, "refine", log))
 
 
 def _weight(core: _core.Partition, max_distortion: float | None, max_charts: int | None) -> float:

@@ -18,8 +18,9 @@ pub(crate) const STRIP: usize = 8;
 
 /// Fractional bits of a texel coordinate.
 const SUBTEXEL_BITS: u32 = 20;
-const ONE: i128 = 1 << SUBTEXEL_BITS;
-/// Corners further out than this many texels are pulled in, which keeps every product inside 128 bits.
+const ONE: i64 = 1 << SUBTEXEL_BITS;
+/// Corners further out than this many texels are pulled in, which keeps every coordinate inside 64 bits and
+/// every product inside 128.
 const FAR: f64 = 1.0e9;
 
 /// What [`rasterize`] found, texel by texel, in rows from the top (v = 1) down.
@@ -170,25 +171,33 @@ impl<Corners: AsRef<[[f64; 2]]>> Strips<Corners> {
             });
         }
         let count = resolution.div_ceil(STRIP);
+        // The first of these and the one past the last; there are 4096 at most.
         let strips_of = |corners| {
-            let rows = Triangle::new(corners, resolution).map(|triangle| triangle.rows(resolution));
-            let rows = rows.unwrap_or(0..0);
-            rows.start / STRIP..rows.end.div_ceil(STRIP)
+            let triangle = Triangle::new(corners, resolution);
+            let rows = triangle.map_or(0..0, |triangle| triangle.rows(resolution));
+            if rows.is_empty() {
+                return [0; 2];
+            }
+            [rows.start / STRIP, rows.end.div_ceil(STRIP)].map(|strip| strip as u16)
+        };
+        let strips: Vec<[u16; 2]> = corners.par_iter().map(strips_of).collect();
+        let strips = || {
+            strips
+                .iter()
+                .map(|&[first, end]| usize::from(first)..end.into())
         };
         let mut starts = vec![0_usize; count + 1];
-        for corners in corners {
-            for strip in strips_of(corners) {
-                starts[strip + 1] += 1;
-            }
+        for strip in strips().flatten() {
+            starts[strip + 1] += 1;
         }
         for strip in 0..count {
             starts[strip + 1] += starts[strip];
         }
         let mut triangles = vec![0; starts[count]];
         let mut cursor = starts.clone();
-        for (triangle, corners) in corners.iter().enumerate() {
-            for strip in strips_of(corners) {
-                triangles[cursor[strip]] = triangle as u32;
+        for (triangle, strips) in (0..).zip(strips()) {
+            for strip in strips {
+                triangles[cursor[strip]] = triangle;
                 cursor[strip] += 1;
             }
         }
@@ -238,7 +247,7 @@ impl<Corners: AsRef<[[f64; 2]]>> Strips<Corners> {
 }
 
 /// A point on the subtexel grid: x to the right, y down.
-type Point = [i128; 2];
+type Point = [i64; 2];
 
 /// A triangle with area on the subtexel grid, its interior to the right of every edge on the page.
 struct Triangle([Point; 3]);
@@ -297,13 +306,13 @@ impl Edge {
         Self {
             from,
             to,
-            step: -dy * ONE,
+            step: i128::from(-dy) * i128::from(ONE),
             bias: if owns_its_points { 0 } else { -1 },
         }
     }
 
     fn at(&self, column: usize, row: usize) -> i128 {
-        let centre = [column, row].map(|k| k as i128 * ONE + ONE / 2);
+        let centre = [column, row].map(|k| k as i64 * ONE + ONE / 2);
         cross(self.from, self.to, centre) + self.bias
     }
 
@@ -340,7 +349,8 @@ impl Edge {
 
 /// Twice the signed area of a triangle, positive for clockwise corners on the page (y points down).
 fn cross(a: Point, b: Point, c: Point) -> i128 {
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    let product = |x: i64, y: i64| i128::from(x) * i128::from(y);
+    product(b[0] - a[0], c[1] - a[1]) - product(b[1] - a[1], c[0] - a[0])
 }
 
 fn snap(uv: [f64; 2], resolution: usize) -> Option<Point> {
@@ -348,18 +358,18 @@ fn snap(uv: [f64; 2], resolution: usize) -> Option<Point> {
     texels
         .iter()
         .all(|t| t.is_finite())
-        .then(|| texels.map(|t| (t.clamp(-FAR, FAR) * ONE as f64).round() as i128))
+        .then(|| texels.map(|t| (t.clamp(-FAR, FAR) * ONE as f64).round() as i64))
 }
 
 /// The texels along one axis whose centres may lie between the extremes of three coordinates.
-fn texel_range(coordinates: [i128; 3], resolution: usize) -> Range<usize> {
-    let low = coordinates.into_iter().fold(i128::MAX, i128::min);
-    let high = coordinates.into_iter().fold(i128::MIN, i128::max);
-    let last = resolution as i128;
+fn texel_range(coordinates: [i64; 3], resolution: usize) -> Range<usize> {
+    let low = coordinates.into_iter().fold(i64::MAX, i64::min);
+    let high = coordinates.into_iter().fold(i64::MIN, i64::max);
+    let last = resolution as i64;
     let first_centre = (low + ONE / 2 - 1).div_euclid(ONE);
     let past_centre = (high + ONE / 2).div_euclid(ONE);
     let start = first_centre.clamp(0, last) as usize;
-    start..past_centre.clamp(start as i128, last) as usize
+    start..past_centre.clamp(start as i64, last) as usize
 }
 
 #[cfg(test)]

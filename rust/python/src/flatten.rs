@@ -181,3 +181,78 @@ fn triangles(py: Python<'_>, mesh: &phaseatlas_core::TriangleMesh) -> PyResult<P
         .collect();
     Ok(array2(py, &faces)?.unbind())
 }
+
+/// A surface cut open along the seams of a layout.
+#[pyclass(frozen, module = "phaseatlas._core")]
+pub struct Layout {
+    layout: core::Layout,
+}
+
+#[pymethods]
+impl Layout {
+    /// Charts meet where coordinates, three rows a face, differ by at most `tolerance`.
+    #[new]
+    fn from_arrays(
+        py: Python<'_>,
+        mesh: &TriangleMesh,
+        uv: PyReadonlyArray2<'_, f64>,
+        tolerance: f64,
+    ) -> PyResult<Self> {
+        let uv = rows::<2, f64>("uv", &uv)?;
+        let layout = detached(py, || {
+            core::Layout::new(mesh.core(), uv.as_chunks().0, tolerance)
+        })?
+        .map_err(to_python)?;
+        Ok(Self { layout })
+    }
+
+    #[getter]
+    fn n_charts(&self) -> usize {
+        self.layout.n_charts
+    }
+
+    #[getter]
+    fn n_vertices(&self) -> usize {
+        self.layout.n_vertices
+    }
+
+    /// Chart of each face.
+    fn charts<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        PyArray1::from_iter(py, self.layout.charts.iter().map(|&c| i64::from(c)))
+    }
+
+    /// Vertex of the cut surface at each corner.
+    fn corners<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
+        let corners = self.layout.corners.iter();
+        array2(
+            py,
+            &corners.map(|face| face.map(i64::from)).collect::<Vec<_>>(),
+        )
+    }
+
+    /// Whether each edge of each face lies within a chart.
+    fn joined<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<bool>>> {
+        array2(py, &self.layout.joined)
+    }
+
+    /// Log scale of each chart at the vertices of the cut surface.
+    fn log_scales<'py>(
+        &self,
+        py: Python<'py>,
+        mesh: &TriangleMesh,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let scales = detached(py, || self.layout.log_scales(mesh.core()))?;
+        Ok(PyArray1::from_vec(py, scales.map_err(to_python)?))
+    }
+
+    /// Number of charts whose boundary crosses itself.
+    fn crossing(
+        &self,
+        py: Python<'_>,
+        uv: PyReadonlyArray2<'_, f64>,
+        thin: f64,
+    ) -> PyResult<usize> {
+        let uv = rows::<2, f64>("uv", &uv)?;
+        detached(py, || self.layout.crossing(uv.as_chunks().0, thin))?.map_err(to_python)
+    }
+}

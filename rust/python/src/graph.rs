@@ -2,7 +2,7 @@ use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use phaseatlas_core::{Error, graph};
 use pyo3::prelude::*;
 
-use crate::mesh::TriangleMesh;
+use crate::mesh::{TriangleMesh, rows};
 use crate::pool::detached;
 use crate::to_python;
 
@@ -24,6 +24,20 @@ pub fn label_components<'py>(
     let components = detached(py, || graph::label_components(mesh.core(), labels))?;
     let labels: Vec<i64> = components.labels.into_iter().map(i64::from).collect();
     Ok(PyArray1::from_vec(py, labels))
+}
+
+/// Number of components of triangles over common edges, and the component of each triangle.
+#[pyfunction]
+pub fn edge_components<'py>(
+    py: Python<'py>,
+    triangles: PyReadonlyArray2<'_, i64>,
+) -> PyResult<(usize, Bound<'py, PyArray1<i64>>)> {
+    let triangles = rows::<3, i64>("triangles", &triangles)?;
+    let (labels, count) = detached(py, || graph::edge_components(&triangles))?;
+    Ok((
+        count,
+        PyArray1::from_iter(py, labels.into_iter().map(i64::from)),
+    ))
 }
 
 /// Leaf of every unit, where whole units are shared out among the leaves of a tree.

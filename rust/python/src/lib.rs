@@ -62,6 +62,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<partition::Partition>()?;
     module.add_class::<screened::Screened>()?;
     module.add_function(wrap_pyfunction!(graph::label_components, module)?)?;
+    module.add_function(wrap_pyfunction!(graph::edge_components, module)?)?;
     module.add_function(wrap_pyfunction!(graph::share_out, module)?)?;
     module.add_class::<flatten::CutChart>()?;
     module.add_class::<flatten::ScaledMap>()?;
@@ -69,6 +70,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(flatten::lscm, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::bff, module)?)?;
     module.add_class::<flatten::GrownChart>()?;
+    module.add_class::<flatten::Layout>()?;
     module.add_function(wrap_pyfunction!(flatten::grow_chart, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::isometric, module)?)?;
     module.add_function(wrap_pyfunction!(flatten::symmetric_dirichlet, module)?)?;

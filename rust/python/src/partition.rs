@@ -37,6 +37,22 @@ impl Partition {
         detached(py, || self.core.set_labels(labels, reach))?.map_err(to_python)
     }
 
+    fn carry_labels(
+        &mut self,
+        py: Python<'_>,
+        labels: PyReadonlyArray1<'_, i64>,
+        sensitivities: PyReadonlyArray1<'_, f64>,
+        reach: f64,
+    ) -> PyResult<()> {
+        let (labels, sensitivities) = (labels.as_slice()?, sensitivities.as_slice()?);
+        detached(py, || self.core.carry_labels(labels, sensitivities, reach))?.map_err(to_python)
+    }
+
+    fn sensitivities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let values = detached(py, || self.core.sensitivities())?;
+        Ok(PyArray1::from_vec(py, values))
+    }
+
     fn limit_tries(&mut self, tries: usize) {
         self.core.limit_tries(tries);
     }
@@ -90,8 +106,19 @@ impl Partition {
         self.core.allow_overlap();
     }
 
-    fn forbid_overlap(&mut self, py: Python<'_>) -> PyResult<()> {
-        detached(py, || self.core.forbid_overlap())
+    #[pyo3(signature = (*, upright = true))]
+    fn forbid_overlap(&mut self, py: Python<'_>, upright: bool) -> PyResult<()> {
+        detached(py, || self.core.forbid_overlap(upright))
+    }
+
+    fn failing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let failing = detached(py, || self.core.failing())?;
+        Ok(PyArray1::from_iter(py, failing.into_iter().map(i64::from)))
+    }
+
+    fn condemn(&mut self, py: Python<'_>, labels: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
+        let labels = labels.as_slice()?;
+        detached(py, || self.core.condemn(labels))?.map_err(to_python)
     }
 
     fn split_failing(&mut self, py: Python<'_>, count: usize) -> PyResult<usize> {

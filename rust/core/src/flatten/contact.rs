@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::dirichlet::Matrix2;
 use super::polygon::Point;
 
 /// A vertex and a side of the polygon that come close, by their places on it.
@@ -25,6 +26,14 @@ pub(super) struct Contact {
     pub curvature: f64,
     /// Gradient of the distance.
     pub directions: [Point; 3],
+}
+
+impl Contact {
+    /// Its share of the Hessian, in the vertices of places i and j.
+    pub fn block(&self, i: usize, j: usize) -> Matrix2 {
+        [0, 1]
+            .map(|r| [0, 1].map(|c| self.curvature * self.directions[i][r] * self.directions[j][c]))
+    }
 }
 
 impl Barrier {

@@ -109,17 +109,15 @@ fn without_thin_rim(faces: &[[u32; 3]], exempt: &[bool]) -> Vec<[u32; 3]> {
 }
 
 fn crosses(faces: &[[u32; 3]], uv: &[Point]) -> bool {
-    let sides = sides_of(faces);
-    let mut open: Vec<[u32; 2]> = sides
-        .keys()
-        .copied()
-        .filter(|&[a, b]| !sides.contains_key(&[b, a]))
-        .collect();
-    open.sort_unstable();
+    let open = open_sides(faces);
     if !are_apart(uv, &open) {
         return !single_loop(&open, uv).is_some_and(|points| only_touches(&points));
     }
+    if open.windows(2).all(|sides| sides[0][0] != sides[1][0]) {
+        return false;
+    }
     // The fans of faces around a vertex where the boundary passes more than once.
+    let sides = sides_of(faces);
     open.chunk_by(|p, q| p[0] == q[0])
         .filter(|group| group.len() > 1)
         .any(|group| {
@@ -131,6 +129,28 @@ fn crosses(faces: &[[u32; 3]], uv: &[Point]) -> bool {
             (0..fans.len())
                 .any(|i| (0..fans.len()).any(|j| i != j && is_between(centre, fans[i], fans[j][0])))
         })
+}
+
+/// The sides that have a face on the left alone, sorted.
+fn open_sides(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
+    // Both directions of a side next to each other.
+    let mut sides: Vec<([u32; 2], bool)> = faces
+        .iter()
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+        .map(|[a, b]| ([a.min(b), a.max(b)], a > b))
+        .collect();
+    sides.sort_unstable();
+    sides.dedup();
+    let mut open: Vec<[u32; 2]> = sides
+        .chunk_by(|p, q| p.0 == q.0)
+        .filter(|group| group.len() == 1)
+        .map(|group| match group[0] {
+            ([a, b], false) => [a, b],
+            ([a, b], true) => [b, a],
+        })
+        .collect();
+    open.sort_unstable();
+    open
 }
 
 /// The points of the sides in a row, where they make one loop that passes every vertex once.

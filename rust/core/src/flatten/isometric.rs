@@ -1,16 +1,16 @@
 //! The map of a disk that keeps lengths best, without a flip or an overlap.
 
-use std::sync::Arc;
-
 use super::bff::bff;
 use super::contact::{Barrier, Contact};
-use super::dirichlet::{Elements, LEAST, Matrix2};
+use super::dirichlet::{Elements, LEAST};
 use super::disk::boundary_of_disk;
+use super::mend::mended;
+use super::newton::{Step, System, ordered};
 use super::polygon::{Point, is_simple, turn};
+use super::subspace::Subspace;
 use super::tutte::tutte;
 use crate::error::{Error, Result};
-use crate::linear::{Cholesky, Factorisation, Ordering, SymbolicFactorisation};
-use crate::mesh::TriangleMesh;
+use crate::mesh::{NONE, TriangleMesh};
 
 /// Steps; from a boundary-first map five to fifteen do.
 const MAX_STEPS: usize = 100;
@@ -27,9 +27,8 @@ const ENOUGH: f64 = 1e-4;
 const REACH: f64 = 0.1;
 /// Energy of a vertex at half that distance from a side, relative to that of a mean face.
 const REPULSION: f64 = 1e-3;
-/// Added to the diagonal, as translations and rotations cost nothing, relative to each entry; more
-/// where rounding spoils the factorisation.
-const SHIFTS: [f64; 4] = [1e-12, 1e-9, 1e-6, 1e-3];
+/// Faces above which the vertices of a conformal map move with those of a simplified disk alone.
+const LARGE: usize = 40_000;
 
 /// Flattens a disk by the bijection that keeps lengths best: of least symmetric Dirichlet energy.
 ///
@@ -58,8 +57,17 @@ const SHIFTS: [f64; 4] = [1e-12, 1e-9, 1e-6, 1e-3];
 pub fn isometric(mesh: &TriangleMesh) -> Result<Vec<Point>> {
     let boundary = boundary_of_disk(mesh)?;
     let valid = |uv: &Vec<Point>| is_upright(mesh, uv) && is_simple(&polygon(boundary, uv));
-    let conformal = bff(mesh).ok().map(|flat| flat.uv).filter(valid);
-    let start = match conformal {
+    let found = bff(mesh).ok().and_then(|flat| {
+        let uv = flat.uv;
+        if mesh.n_faces() > LARGE {
+            mended(mesh, uv)
+        } else {
+            Some(uv)
+        }
+    });
+    let found = found.filter(valid);
+    let conformal = found.is_some();
+    let start = match found {
         Some(uv) => uv,
         None => tutte(mesh, boundary).and_then(|uv| {
             valid(&uv).then_some(uv).ok_or_else(|| Error::Topology {
@@ -80,7 +88,22 @@ pub fn isometric(mesh: &TriangleMesh) -> Result<Vec<Point>> {
     for p in &mut uv {
         *p = p.map(|x| scale * x);
     }
-    let uv = minimise(mesh, boundary, &elements, uv)?;
+    let mut newton: Option<Newton> = None;
+    let all = |uv: &[Point], contacts: &[Contact]| -> Result<Option<Step>> {
+        let system = match newton.take() {
+            Some(system) if system.holds(contacts) => system,
+            _ => Newton::new(mesh, contacts)?,
+        };
+        Ok(newton.insert(system).step(&elements, uv, contacts))
+    };
+    if mesh.n_faces() > LARGE {
+        let mut subspace = Subspace::new(mesh);
+        let few = |uv: &[Point], contacts: &[Contact]| subspace.step(&elements, uv, contacts);
+        uv = minimise(mesh, boundary, &elements, uv, few)?;
+    }
+    if mesh.n_faces() <= LARGE || !conformal {
+        uv = minimise(mesh, boundary, &elements, uv, all)?;
+    }
     let scaled: Vec<Point> = uv.iter().map(|p| p.map(|x| unit * x)).collect();
     // Scaling rounds.
     Ok(if valid(&scaled) { scaled } else { start })
@@ -97,28 +120,24 @@ fn is_upright(mesh: &TriangleMesh, uv: &[Point]) -> bool {
     })
 }
 
+/// Moves a map down the energy, by the steps that `step` finds from a map and what is in contact.
 fn minimise(
     mesh: &TriangleMesh,
     boundary: &[u32],
     elements: &Elements,
     mut uv: Vec<Point>,
+    mut step: impl FnMut(&[Point], &[Contact]) -> Result<Option<Step>>,
 ) -> Result<Vec<Point>> {
     let side = perimeter(&polygon(boundary, &uv)) / boundary.len() as f64;
     let weight = REPULSION / mesh.n_faces() as f64;
     let barrier = Barrier::new(boundary, &uv, REACH * side, weight);
     let mut elastic = elements.energy(&uv);
     let mut energy = elastic + barrier.value(&uv);
-    let mut newton: Option<Newton> = None;
     for _ in 0..MAX_STEPS {
         let contacts = barrier.contacts(&uv);
-        let mut system = match newton.take() {
-            Some(system) if system.holds(&contacts) => system,
-            _ => Newton::new(mesh, &contacts)?,
-        };
-        let Some(Step { direction, slope }) = system.step(elements, &uv, &contacts) else {
+        let Some(Step { direction, slope }) = step(&uv, &contacts)? else {
             break;
         };
-        newton = Some(system);
         let mut length = longest_step(elements, &uv, &direction).min(1.0);
         let mut moved = None;
         for _ in 0..MAX_HALVINGS {
@@ -189,73 +208,28 @@ fn longest_step(elements: &Elements, uv: &[Point], direction: &[Point]) -> f64 {
     SHORT_OF_FLAT * least
 }
 
-/// The Newton system of a map, in the unknowns 2 v and 2 v + 1 of each vertex.
+/// The Newton system of all vertices.
 struct Newton {
-    /// Pairs of vertices, lower number first, that share a block of the matrix; sorted.
-    pairs: Vec<(u32, u32)>,
-    /// Where the pairs of each vertex begin.
-    starts: Vec<usize>,
-    /// The pairs of the three sides of each face.
+    system: System,
+    /// The places of the three sides of each face.
     sides: Vec<[u32; 3]>,
-    values: Vec<f64>,
-    right: Vec<f64>,
-    cholesky: Cholesky,
-}
-
-struct Step {
-    direction: Vec<Point>,
-    /// Of the energy in that direction.
-    slope: f64,
 }
 
 impl Newton {
     fn new(mesh: &TriangleMesh, contacts: &[Contact]) -> Result<Self> {
-        let n = mesh.n_vertices();
         let mut pairs: Vec<(u32, u32)> = mesh.edges().iter().map(|&[a, b]| (a, b)).collect();
         for contact in contacts {
             let [p, a, b] = contact.vertices;
             pairs.extend([ordered(p, a), ordered(p, b)]);
         }
-        pairs.sort_unstable();
-        pairs.dedup();
-        let mut starts = vec![0; n + 1];
-        for (i, pair) in pairs.iter().enumerate() {
-            starts[pair.0 as usize + 1] = i + 1;
-        }
-        for v in 0..n {
-            starts[v + 1] = starts[v + 1].max(starts[v]);
-        }
-        let mut column_starts = vec![0];
-        let mut rows = Vec::with_capacity(4 * pairs.len() + 3 * n);
-        for v in 0..n {
-            for axis in 0..2 {
-                rows.extend((axis..2).map(|r| (2 * v + r) as u32));
-                for pair in &pairs[starts[v]..starts[v + 1]] {
-                    rows.extend([2 * pair.1, 2 * pair.1 + 1]);
-                }
-                column_starts.push(rows.len());
-            }
-        }
-        let symbolic = SymbolicFactorisation::new(
-            &column_starts,
-            &rows,
-            Ordering::MinimumDegree,
-            Factorisation::Automatic,
-        )?;
-        let place = |a: u32, b: u32| pairs.partition_point(|&pair| pair < ordered(a, b)) as u32;
+        let system = System::new(mesh.n_vertices(), pairs)?;
+        let place = |a: u32, b: u32| system.sums.place(a, b).map_or(NONE, |place| place as u32);
         let sides = mesh
             .faces()
             .iter()
             .map(|&[a, b, c]| [place(a, b), place(b, c), place(c, a)])
             .collect();
-        Ok(Self {
-            values: vec![0.0; rows.len()],
-            right: vec![0.0; 2 * n],
-            sides,
-            pairs,
-            starts,
-            cholesky: Cholesky::new(Arc::new(symbolic))?,
-        })
+        Ok(Self { system, sides })
     }
 
     /// Whether the matrix has a block for all pairs of vertices in contact.
@@ -264,111 +238,39 @@ impl Newton {
             let [p, a, b] = contact.vertices;
             [a, b]
                 .into_iter()
-                .all(|q| self.pairs.binary_search(&ordered(p, q)).is_ok())
+                .all(|q| self.system.sums.place(p, q).is_some())
         })
-    }
-
-    /// Place of the first value of column 2 v + axis.
-    fn column(&self, v: usize, axis: usize) -> usize {
-        let first = 3 * v + 4 * self.starts[v];
-        let count = self.starts[v + 1] - self.starts[v];
-        first + axis * (2 + 2 * count)
-    }
-
-    fn add_diagonal(&mut self, v: u32, block: Matrix2) {
-        let (x, y) = (self.column(v as usize, 0), self.column(v as usize, 1));
-        self.values[x] += block[0][0];
-        self.values[x + 1] += block[1][0];
-        self.values[y] += block[1][1];
-    }
-
-    /// Adds the block (a, b) that stands at place `pair`.
-    fn add_pair(&mut self, pair: usize, a: u32, b: u32, block: Matrix2) {
-        let v = a.min(b) as usize;
-        let k = pair - self.starts[v];
-        // Rows of the lower triangle belong to the higher vertex.
-        let block = if a < b { block } else { transposed(block) };
-        for (axis, row) in block.iter().enumerate() {
-            let place = self.column(v, axis) + 2 - axis + 2 * k;
-            for (value, added) in self.values[place..place + 2].iter_mut().zip(row) {
-                *value += added;
-            }
-        }
     }
 
     /// The Newton step; [`None`] at rest, or where no shift makes the matrix definite.
     fn step(&mut self, elements: &Elements, uv: &[Point], contacts: &[Contact]) -> Option<Step> {
-        self.values.fill(0.0);
-        self.right.fill(0.0);
+        let sums = &mut self.system.sums;
+        sums.clear();
         for (f, face) in elements.faces.iter().enumerate() {
             let derivatives = elements.derivatives(f, uv);
             for k in 0..3 {
                 let next = (k + 1) % 3;
                 let (a, b) = (face[k], face[next]);
-                for axis in 0..2 {
-                    self.right[2 * a as usize + axis] -= derivatives.gradient[k][axis];
-                }
-                self.add_diagonal(a, derivatives.hessian[k][k]);
+                sums.add_gradient(a, derivatives.gradient[k]);
+                sums.add_diagonal(a, derivatives.hessian[k][k]);
                 let side = self.sides[f][k] as usize;
-                self.add_pair(side, a, b, derivatives.hessian[k][next]);
+                sums.add_pair(side, a, b, derivatives.hessian[k][next]);
             }
         }
         for contact in contacts {
-            let outer = |i: usize, j: usize| {
-                [0, 1].map(|r| {
-                    [0, 1].map(|c| {
-                        contact.curvature * contact.directions[i][r] * contact.directions[j][c]
-                    })
-                })
-            };
             for i in 0..3 {
-                let a = contact.vertices[i];
-                for axis in 0..2 {
-                    self.right[2 * a as usize + axis] -=
-                        contact.slope * contact.directions[i][axis];
-                }
-                self.add_diagonal(a, outer(i, i));
+                let (a, [x, y]) = (contact.vertices[i], contact.directions[i]);
+                sums.add_gradient(a, [contact.slope * x, contact.slope * y]);
+                sums.add_diagonal(a, contact.block(i, i));
                 let j = (i + 1) % 3;
                 let b = contact.vertices[j];
-                if let Ok(pair) = self.pairs.binary_search(&ordered(a, b)) {
-                    self.add_pair(pair, a, b, outer(i, j));
+                if let Some(pair) = sums.place(a, b) {
+                    sums.add_pair(pair, a, b, contact.block(i, j));
                 }
             }
         }
-        let n = uv.len();
-        let diagonal: Vec<usize> = (0..2 * n).map(|i| self.column(i / 2, i % 2)).collect();
-        let values: Vec<f64> = diagonal.iter().map(|&place| self.values[place]).collect();
-        for shift in SHIFTS {
-            for (&place, value) in diagonal.iter().zip(&values) {
-                self.values[place] = value * (1.0 + shift);
-            }
-            if self.cholesky.factor(&self.values).is_err() {
-                continue;
-            }
-            let mut direction = self.right.clone();
-            self.cholesky.solve(&mut direction).ok()?;
-            let slope = -direction
-                .iter()
-                .zip(&self.right)
-                .map(|(d, r)| d * r)
-                .sum::<f64>();
-            if slope < 0.0 && slope.is_finite() {
-                return Some(Step {
-                    direction: direction.as_chunks().0.to_vec(),
-                    slope,
-                });
-            }
-        }
-        None
+        self.system.step()
     }
-}
-
-fn transposed([[a, b], [c, d]]: Matrix2) -> Matrix2 {
-    [[a, c], [b, d]]
-}
-
-fn ordered(a: u32, b: u32) -> (u32, u32) {
-    (a.min(b), a.max(b))
 }
 
 #[cfg(test)]

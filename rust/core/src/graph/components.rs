@@ -1,5 +1,8 @@
 //! Connected components of a set of faces over the edges of the dual graph.
 
+use petgraph::unionfind::UnionFind;
+use rayon::prelude::*;
+
 use crate::mesh::{NONE, TriangleMesh};
 
 /// Components of a set of faces, numbered by their first face.
@@ -106,6 +109,49 @@ pub fn label_components(mesh: &TriangleMesh, labels: &[i64]) -> Components {
     let mut components = Components::default();
     components.label(mesh, |_| true, |f, g| labels[f] == labels[g]);
     components
+}
+
+/// Components of triangles over common edges, numbered in the order of their first triangles, and how
+/// many there are. Any number of triangles may meet at an edge, in either direction.
+///
+/// # Examples
+/// ```
+/// use phaseatlas_core::graph::edge_components;
+///
+/// let bow_tie = [[0, 1, 2], [2, 3, 4], [1, 0, 5]];
+/// assert_eq!(edge_components(&bow_tie), (vec![0, 1, 0], 2));
+/// ```
+#[must_use]
+pub fn edge_components(triangles: &[[i64; 3]]) -> (Vec<u32>, usize) {
+    let mut sides: Vec<([i64; 2], u32)> = (0..)
+        .zip(triangles)
+        .flat_map(|(f, &[a, b, c])| {
+            [[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], f))
+        })
+        .collect();
+    sides.par_sort_unstable();
+    let mut components = UnionFind::<u32>::new(triangles.len());
+    for pair in sides.windows(2) {
+        if pair[0].0 == pair[1].0 {
+            components.union(pair[0].1, pair[1].1);
+        }
+    }
+    numbered(components.into_labeling())
+}
+
+/// Labels below their number, numbered anew in the order of their first places, and how many there are.
+pub(crate) fn numbered(mut labels: Vec<u32>) -> (Vec<u32>, usize) {
+    let mut numbers = vec![NONE; labels.len()];
+    let mut count = 0;
+    for label in &mut labels {
+        let number = &mut numbers[*label as usize];
+        if *number == NONE {
+            *number = count;
+            count += 1;
+        }
+        *label = *number;
+    }
+    (labels, count as usize)
 }
 
 #[cfg(test)]

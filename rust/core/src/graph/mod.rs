@@ -9,7 +9,8 @@ mod regions;
 mod sharing;
 mod shortest_paths;
 
-pub use components::{Components, label_components};
+pub(crate) use components::numbered;
+pub use components::{Components, edge_components, label_components};
 pub(crate) use dual::{ContractedDual, DualWeights};
 pub(crate) use network::{Network, Tree};
 pub(crate) use regions::Regions;

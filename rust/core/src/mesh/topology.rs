@@ -1,6 +1,7 @@
 //! How the faces of a mesh hang together: edges and half-edges, fans, boundary loops, components.
 
 use petgraph::unionfind::UnionFind;
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
@@ -94,7 +95,7 @@ impl EdgeTable {
             let [a, b] = ends(faces, half_edge);
             sides.push(([a.min(b), a.max(b)], half_edge));
         }
-        sides.sort_unstable();
+        sides.par_sort_unstable();
         let mut edges = Vec::with_capacity(sides.len() / 2 + 1);
         let mut half_edges = Vec::with_capacity(sides.len() / 2 + 1);
         let mut neighbours = vec![[NONE; 3]; faces.len()];

@@ -90,17 +90,22 @@ impl Charts {
     }
 
     pub fn seams(&self, geometry: &Geometry) -> Seams {
-        let mut seams = Seams::new();
-        for (f, &a) in self.labels.iter().enumerate() {
-            for (h, g) in geometry.around(f) {
-                let b = self.labels[g];
-                if a < b {
-                    *seams.entry((a, b)).or_default() += geometry.costs[h];
-                }
+        seams(geometry, &self.labels)
+    }
+}
+
+/// The boundaries between faces of different labels.
+pub(super) fn seams(geometry: &Geometry, labels: &[u32]) -> Seams {
+    let mut seams = Seams::new();
+    for (f, &a) in labels.iter().enumerate() {
+        for (h, g) in geometry.around(f) {
+            let b = labels[g];
+            if a < b {
+                *seams.entry((a, b)).or_default() += geometry.costs[h];
             }
         }
-        seams
     }
+    seams
 }
 
 /// Sorted union of two sorted lists without common faces.

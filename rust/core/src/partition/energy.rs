@@ -27,6 +27,8 @@ const OVERLAP: f64 = 0.25;
 /// Height of a face, relative to the extent of its map, below which it may be turned over: 4 units in
 /// the last place of a coordinate in single precision.
 const THIN: f64 = 4.0 * f32::EPSILON as f64;
+/// Faces of a chart up to which the factor of its stiffness is kept for what is asked next.
+const KEPT: usize = 100_000;
 /// Tables of known energies, so that threads rarely wait for each other.
 const SHARDS: usize = 16;
 
@@ -66,13 +68,15 @@ pub struct Rule {
     pub distortion: f64,
     /// Whether a chart that overlaps itself costs infinitely much.
     pub injective: bool,
+    /// Whether one that has faces turned over does then, too.
+    pub upright: bool,
 }
 
 impl Rule {
     /// The share of a chart in the energy; a seam counts half for the chart on either side.
     #[must_use]
     pub fn cost(&self, terms: &Terms) -> f64 {
-        if self.injective && !terms.injective() {
+        if self.injective && self.upright && terms.flips != Some(0) {
             return f64::INFINITY;
         }
         self.least_cost(terms)
@@ -80,7 +84,7 @@ impl Rule {
 
     /// Whether the cost is known without a look at the faces.
     fn is_certain(&self, terms: &Terms) -> bool {
-        !self.injective || !terms.simple || terms.flips.is_some()
+        !(self.injective && self.upright && terms.simple) || terms.flips.is_some()
     }
 
     /// The cost if no face is turned over.
@@ -165,8 +169,8 @@ impl Energies {
         Arc::new(Chart {
             hash,
             terms,
+            solution: Mutex::new(solution.filter(|_| faces.len() <= KEPT)),
             faces,
-            solution: Mutex::new(solution),
             sensitivity: OnceLock::new(),
         })
     }
@@ -176,6 +180,15 @@ impl Energies {
         lock(&self.known[hash as usize % SHARDS])
             .get(&hash)
             .copied()
+    }
+
+    /// Notes that a chart covers points twice, whatever its map here says.
+    pub fn condemn(&self, chart: &Chart) {
+        let terms = Terms {
+            simple: false,
+            ..chart.terms
+        };
+        lock(&self.known[chart.hash as usize % SHARDS]).insert(chart.hash, terms);
     }
 
     /// What the union of two charts costs; [`None`] where that is not below `limit`.
@@ -199,7 +212,9 @@ impl Energies {
     }
 
     fn evaluate(&self, hash: u128, faces: &[u32], rule: &Rule) -> (Terms, Option<Solution>) {
-        let found = self.with_marks(|marks| terms(&self.geometry, faces, rule.injective, marks));
+        let found = self.with_marks(|marks| {
+            terms(&self.geometry, faces, rule.injective && rule.upright, marks)
+        });
         lock(&self.known[hash as usize % SHARDS]).insert(hash, found.0);
         found
     }
@@ -532,6 +547,7 @@ mod tests {
         let rule = Rule {
             distortion: 600.0,
             injective: true,
+            upright: true,
         };
         let charts = [24, 25].map(|half| energies.chart(block(half), &rule));
         assert!(charts.iter().all(|chart| chart.terms.injective()));

@@ -24,7 +24,9 @@ pub use merge::Merge;
 
 use std::sync::OnceLock;
 
-use crate::error::{Result, check_length};
+use rayon::prelude::*;
+
+use crate::error::{Error, Result, check_length};
 use crate::surface::Surface;
 use charts::Charts;
 use energy::Energies;
@@ -73,6 +75,7 @@ impl Partition {
         let rule = Rule {
             distortion,
             injective: false,
+            upright: true,
         };
         Ok(Self {
             given: vec![0; surface.mesh().n_faces()],
@@ -101,6 +104,55 @@ impl Partition {
         self.memory = Memory::new(reach);
         self.give(&labels);
         Ok(())
+    }
+
+    /// Starts anew from labels of another surface of the same shape where boundaries are at rest.
+    ///
+    /// Boundaries are drawn straight within `reach` mean edge lengths, by lengths and the given
+    /// [`Self::sensitivities`] of the other surface alone: no map is computed until a figure or a
+    /// move asks for it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Length`] for labels or sensitivities that are not one a face.
+    pub fn carry_labels(
+        &mut self,
+        labels: &[i64],
+        sensitivities: &[f64],
+        reach: f64,
+    ) -> Result<()> {
+        check_length("labels", labels.len(), self.labels().len())?;
+        check_length("sensitivities", sensitivities.len(), labels.len())?;
+        let mut labels = distinct(labels);
+        self.unite(&mut labels);
+        let pieces = self.pieces(&self.joined(&labels));
+        let labels = relax::carried(
+            &self.energies,
+            numbered(&pieces, labels.len()),
+            pieces,
+            sensitivities,
+            self.rule.distortion,
+            reach,
+        );
+        self.memory = Memory::new(reach);
+        self.give(&labels);
+        Ok(())
+    }
+
+    /// Change of the distortion for each area that its chart gains at its boundary, at each face.
+    #[must_use]
+    pub fn sensitivities(&self) -> Vec<f64> {
+        let charts = &self.charts().charts;
+        let of_charts: Vec<&[f64]> = charts
+            .par_iter()
+            .map(|chart| self.energies.sensitivity(chart))
+            .collect();
+        let mut values = vec![0.0; self.labels().len()];
+        for (chart, of_chart) in charts.iter().zip(of_charts) {
+            for (&f, &value) in chart.faces.iter().zip(of_chart) {
+                values[f as usize] = value;
+            }
+        }
+        values
     }
 
     /// From now on the exact energy of so many cuts of a boundary is asked for in a sweep, at most,
@@ -232,12 +284,43 @@ impl Partition {
         self.memory.clear();
     }
 
-    /// From now on a chart that overlaps itself, or has faces turned over, costs infinitely much.
-    pub fn forbid_overlap(&mut self) {
+    /// From now on a chart that overlaps itself, or, where it is to be `upright`, has faces turned
+    /// over, costs infinitely much.
+    pub fn forbid_overlap(&mut self, upright: bool) {
         self.rule.injective = true;
+        self.rule.upright = upright;
         if let Some(charts) = self.charts.get() {
             self.replace(charts.under(&self.energies, &self.rule));
         }
+    }
+
+    /// The charts that cost infinitely much.
+    #[must_use]
+    pub fn failing(&self) -> Vec<u32> {
+        repair::failing(self.charts(), &self.rule)
+    }
+
+    /// Lets charts count as overlapping themselves, as they do on a finer surface.
+    ///
+    /// # Errors
+    /// [`crate::Error::Index`] for a label that no chart has.
+    pub fn condemn(&mut self, labels: &[i64]) -> Result<()> {
+        let count = self.charts().len();
+        for (position, &label) in labels.iter().enumerate() {
+            let chart = usize::try_from(label)
+                .ok()
+                .and_then(|label| self.charts().charts.get(label));
+            let chart = chart.ok_or(Error::Index {
+                argument: "labels",
+                position,
+                index: label,
+                count,
+            })?;
+            self.energies.condemn(chart);
+        }
+        let charts = self.charts().under(&self.energies, &self.rule);
+        self.replace(charts);
+        Ok(())
     }
 
     /// Splits the charts that cost infinitely much in about `count` parts; how many there were.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::charts::{Charts, Seams, pieces, union};
+use super::charts::{Charts, Seams, pieces, seams, union};
 use super::disk::Marks;
 use super::energy::{Chart, Energies, Rule};
 use super::flow::{Network, Side};
@@ -104,14 +104,7 @@ pub(super) fn sweep(
     let mut gain = 0.0;
     let mut changed = BTreeSet::new();
     while !pairs.is_empty() {
-        // Moves of disjoint pairs do not see each other.
-        let mut taken = BTreeSet::new();
-        let (now, later): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|&(a, b)| {
-            let free = !taken.contains(&a) && !taken.contains(&b);
-            taken.insert(a);
-            taken.insert(b);
-            free
-        });
+        let (now, later) = apart(pairs);
         pairs = later;
         let moves: Vec<Option<Move>> = now
             .par_iter()
@@ -152,6 +145,69 @@ pub(super) fn sweep(
     }
     memory.active = Some(changed);
     gain
+}
+
+/// Charts whose labels come from another surface where their boundaries are at rest, with boundaries
+/// drawn straight. Nothing is solved: `sensitivity` is that of each face there, the cuts do what they
+/// promise. Labels and what is returned are those of connected pieces.
+pub(super) fn carried(
+    energies: &Energies,
+    mut labels: Vec<u32>,
+    mut charts: Vec<Vec<u32>>,
+    sensitivity: &[f64],
+    distortion: f64,
+    radius: f64,
+) -> Vec<u32> {
+    let geometry = &energies.geometry;
+    let mut pairs = ordered(&seams(geometry, &labels), |_| true);
+    while !pairs.is_empty() {
+        let (now, later) = apart(pairs);
+        pairs = later;
+        let found: Vec<Option<[Vec<u32>; 2]>> = now
+            .par_iter()
+            .map(|&(a, b)| {
+                let faces = [a, b].map(|label| &charts[label as usize][..]);
+                let of = |faces: &[u32]| -> Vec<f64> {
+                    faces.iter().map(|&f| sensitivity[f as usize]).collect()
+                };
+                let [first, second] = faces.map(of);
+                energies.with_marks(|marks| {
+                    let slopes = [&first[..], &second[..]];
+                    let interface =
+                        Interface::new(geometry, &labels, [a, b], faces, slopes, marks)?;
+                    let band = interface.band(geometry, &labels, [a, b], radius, marks);
+                    let (promise, sides) = band.cut(&labels, b, distortion);
+                    if promise < PROMISE {
+                        return None;
+                    }
+                    separate(geometry, faces, &band.faces, &sides, marks)
+                })
+            })
+            .collect();
+        for ((a, b), parts) in now.into_iter().zip(found) {
+            for (label, faces) in [a, b].into_iter().zip(parts.into_iter().flatten()) {
+                for &f in &faces {
+                    labels[f as usize] = label;
+                }
+                charts[label as usize] = faces;
+            }
+        }
+    }
+    labels
+}
+
+/// Pairs of charts.
+type Pairs = Vec<(u32, u32)>;
+
+/// The first pairs that have no chart in common, whose moves do not see each other, and the others.
+fn apart(pairs: Pairs) -> (Pairs, Pairs) {
+    let mut taken = BTreeSet::new();
+    pairs.into_iter().partition(|&(a, b)| {
+        let free = !taken.contains(&a) && !taken.contains(&b);
+        taken.insert(a);
+        taken.insert(b);
+        free
+    })
 }
 
 /// Whether a gain is too little, relative to the energy, to sweep on.
@@ -218,7 +274,19 @@ fn improve(
         cost if cost.is_finite() => cost,
         _ => total(&soft) + SPLIT,
     };
-    let interface = energies.with_marks(|marks| Interface::new(energies, charts, [a, b], marks))?;
+    let faces = pair.map(|chart| &chart.faces[..]);
+    // The sensitivities need marks of their own.
+    let sensitivities = pair.map(|chart| energies.sensitivity(chart));
+    let interface = energies.with_marks(|marks| {
+        Interface::new(
+            &energies.geometry,
+            &charts.labels,
+            [a, b],
+            faces,
+            sensitivities,
+            marks,
+        )
+    })?;
     let mut tried = HashSet::from([pair[0].hash]);
     let mut radius = first.radius;
     while radius >= NARROWEST {
@@ -231,8 +299,9 @@ fn improve(
             if promise < PROMISE {
                 continue;
             }
-            let parts = energies
-                .with_marks(|marks| separate(&energies.geometry, pair, &band.faces, &sides, marks));
+            let parts = energies.with_marks(|marks| {
+                separate(&energies.geometry, faces, &band.faces, &sides, marks)
+            });
             let Some([first, second]) = parts else {
                 continue;
             };
@@ -279,17 +348,19 @@ struct Band {
 }
 
 impl Interface {
+    /// The interface of two charts, whose sensitivities stand in the order of their faces.
     fn new(
-        energies: &Energies,
-        charts: &Charts,
+        geometry: &Geometry,
+        labels: &[u32],
         [a, b]: [u32; 2],
+        charts: [&[u32]; 2],
+        sensitivities: [&[f64]; 2],
         marks: &mut Marks,
     ) -> Option<Self> {
-        let geometry = &energies.geometry;
         let mut edges = Vec::new();
-        for &f in &charts.charts[a as usize].faces {
+        for &f in charts[0].iter().filter(|&&f| labels[f as usize] == a) {
             for (h, g) in geometry.around(f as usize) {
-                if charts.labels[g] == b {
+                if labels[g] == b {
                     edges.push([geometry.origins[h], geometry.origins[next(h)], h as u32]);
                 }
             }
@@ -300,9 +371,6 @@ impl Interface {
         if vertices.is_empty() {
             return None;
         }
-        // The sensitivities need marks of their own.
-        let pair = [a, b].map(|label| &charts.charts[label as usize]);
-        let sensitivities = pair.map(|chart| energies.sensitivity(chart));
         marks.restart(geometry);
         for (i, &v) in (0..).zip(&vertices) {
             marks.set_vertex(v as usize, i);
@@ -310,9 +378,9 @@ impl Interface {
 
         let mut slopes = vec![0.0; vertices.len()];
         let mut seeds = Vec::new();
-        for ((chart, sensitivity), sign) in pair.into_iter().zip(sensitivities).zip([-1.0, 1.0]) {
+        for ((faces, sensitivity), sign) in charts.into_iter().zip(sensitivities).zip([-1.0, 1.0]) {
             let mut sums = vec![(0.0, 0.0); vertices.len()];
-            for (&f, value) in chart.faces.iter().zip(sensitivity) {
+            for (&f, value) in faces.iter().zip(sensitivity) {
                 let area = geometry.areas[f as usize];
                 let mut nearest = (f64::INFINITY, 0);
                 for k in 0..3 {
@@ -453,7 +521,7 @@ impl Band {
 /// go to the other side. None where nothing is left of one.
 fn separate(
     geometry: &Geometry,
-    pair: [&Arc<Chart>; 2],
+    charts: [&[u32]; 2],
     band: &[u32],
     sides: &[Side],
     marks: &mut Marks,
@@ -461,8 +529,8 @@ fn separate(
     marks.place(geometry, band);
     let mut faces: [Vec<u32>; 2] = Default::default();
     let mut taken: [Vec<u32>; 2] = Default::default();
-    for (own, chart) in [Side::Source, Side::Sink].into_iter().zip(pair) {
-        for &f in &chart.faces {
+    for (own, chart) in [Side::Source, Side::Sink].into_iter().zip(charts) {
+        for &f in chart {
             let side = marks.face(f as usize).map_or(own, |i| sides[i]);
             let list = if side == own { &mut faces } else { &mut taken };
             list[usize::from(side == Side::Sink)].push(f);

@@ -36,7 +36,8 @@ pub(super) fn split_failing(
     bad.len()
 }
 
-fn failing(charts: &Charts, rule: &Rule) -> Vec<u32> {
+/// The charts that the rule forbids.
+pub(super) fn failing(charts: &Charts, rule: &Rule) -> Vec<u32> {
     (0..)
         .zip(&charts.charts)
         .filter(|(_, chart)| !rule.cost(&chart.terms).is_finite())
