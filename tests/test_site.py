@@ -73,10 +73,12 @@ def test_every_figure_is_defined():
 
 def test_every_key_of_a_file_is_defined(tmp_path):
     ball = pa.datasets.icosphere(2)
+    ball = ball.with_seam_costs(np.full((ball.n_faces, 3), 2.0), np.full(ball.n_vertices, 2.0))
     two = trimesh.Trimesh(ball.vertices, ball.faces, process=False)
     two = trimesh.util.concatenate([two, two.copy().apply_translation([9, 0, 0])])
     two.export(tmp_path / "two.obj")
     scene = pa.load_scene(tmp_path / "two.obj")
+    scene = scene.with_seam_costs(np.full((scene.n_faces, 3), 2.0), np.full(scene.n_vertices, 2.0))
     pa.segment(ball, 1).save(tmp_path / "1.npz")
     pa.segment(scene, 2).save(tmp_path / "2.npz")
     pa.build_atlas(pa.SceneSegmentation.load(tmp_path / "2.npz")).save(tmp_path / "3.npz")
