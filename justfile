@@ -3,8 +3,8 @@
 
 set shell := ["bash", "-euo", "pipefail", "-c"]
 
-# All checks but the tests in Python: Rust, style and types, demo.
-check: rust lint demo
+# All checks but the tests in Python: Rust, style and types, demo, site.
+check: rust lint demo docs
 
 # Format, lint and test the Rust crates; their documentation examples are tests too.
 rust:
@@ -34,6 +34,17 @@ demo:
     trap 'rm -rf "$folder"' EXIT
     phaseatlas demo "$folder"
     for name in atlas.glb atlas.png segments.png blended.glb blended.png; do test -s "$folder/$name"; done
+
+# Build the site in site/, without any network: open site/index.html.
+docs:
+    pip install --quiet '.[docs]'
+    sphinx-build -W --keep-going docs site
+
+# The same with all scripts of the gallery run anew, which takes a while; see examples/run_all.py.
+docs-all *arguments:
+    pip install --quiet '.[docs]'
+    python examples/run_all.py site/run {{ arguments }}
+    PHASEATLAS_GALLERY=site/run/gallery sphinx-build -W --keep-going docs site
 
 # Put the Python and the Rust into shape.
 format:

@@ -11,6 +11,7 @@ The table has the lengths of the seams in roots of the area; yamabe, the mean sq
 the conformal maps, rates the charts, and hencky, after flattening, the layout.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/charts.png"
 from pathlib import Path
 from tempfile import TemporaryDirectory
 

@@ -11,6 +11,7 @@ are born in many pieces, which the functional joins by paths and then draws toge
 perimeter shortens.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure2.png"
 import numpy as np
 from gallery import descend, parser, phase_pieces, save, table
 

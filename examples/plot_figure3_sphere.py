@@ -7,6 +7,7 @@ nodes have the colours of their segments on the levels K = 1, 2 and 3. A sphere'
 are great circles at right angles, or nearly, since each level is found with the ones above fixed.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure3.png"
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

@@ -11,6 +11,7 @@ Below, the descent that splits one of the two halves further, on the second leve
 hierarchy: the field lives where its parent's indicator does and fades to 0 elsewhere.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure4.png"
 import numpy as np
 from gallery import descend, parser, phase_pieces, save, table
 

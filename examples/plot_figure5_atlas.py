@@ -13,6 +13,7 @@ fades from one chart to the next. For this the interface is three times as wide 
 Last, the descent that splits one of the segments of level 3.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure5.png"
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 

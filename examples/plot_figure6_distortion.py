@@ -13,6 +13,7 @@ The paper gives epsilon = 0.023 on about 40,000 vertices, which is 2 h on a sphe
 omega = 5, 10, 15 are in the units of that sphere. On unit area they are 2.16 times as large.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure6.png"
 import numpy as np
 from gallery import parser, save, table
 

@@ -13,6 +13,7 @@ Spots on single bumps are no noise: a hole of the size of epsilon on a peak of t
 little length and takes much of the distortion, like a cone point.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure7.png"
 import numpy as np
 from gallery import descend, parser, phase_pieces, save, table
 

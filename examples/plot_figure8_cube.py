@@ -12,6 +12,7 @@ The radius gives the paper's largest curvature, 3.12 on a cube of side 2; omega 
 units, which is omega times the square root of the area on a surface of unit area.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure8.png"
 import numpy as np
 from gallery import parser, planar, save, table
 

@@ -14,6 +14,7 @@ First the curvature, purple where negative and orange where positive, then the s
 with distortion.
 """
 
+# sphinx_gallery_thumbnail_path = "gallery/figure9.png"
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -5,7 +5,9 @@ import trimesh
 
 import phaseatlas as pa
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+# The second goes on where the first ends.
+PAGES = (ROOT / "README.md", ROOT / "docs" / "usage.md")
 
 
 def test_python_examples_run(tmp_path, monkeypatch):
@@ -13,7 +15,8 @@ def test_python_examples_run(tmp_path, monkeypatch):
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     mesh.export(tmp_path / "model.obj")
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     assert len(blocks) == 3
     namespace = {}
     for block in blocks:

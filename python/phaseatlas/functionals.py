@@ -240,7 +240,7 @@ class Area:
         -------
         scipy.sparse.csr_array, (n, n)
             With an entry on all of the diagonal, zeros among them. chi is C1: chi'' jumps from 0
-            to 3 / (2 (1 - delta)^2) and back where |u| passes 1 - delta, and is 0 there.
+            to 3 / (2 (1 - delta)^2) and back where abs(u) passes 1 - delta, and is 0 there.
 
         Raises
         ------

@@ -143,7 +143,7 @@ class Atlas(Layout):
             A `.glb` file, an `.obj` file beside which a `.mtl` and a `.png` are written, or an
             `.html` page that shows the atlas. An `.npz` file has no texture, but the charts, which
             `load` reads: vertices, faces, labels, uv, pages, resolution, stack, the fields of
-            `Chart` with the prefix chart_, one chart after the other, chart_n_faces and
+            `Chart` with the prefix ``chart_``, one chart after the other, chart_n_faces and
             chart_n_vertices of each, and format, 3; of a scene what leads back to its file. Several
             pages have a material each. Files are written whole or not at all.
         texture, resolution

@@ -73,7 +73,7 @@ class SceneSegmentation(Segmentation):
         epsilon (of each piece), source and sha256 (path and digest of the file that the scene was
         read from, empty where it was not), and format, 2. For each piece k that was cut by a tree
         there are its arrays, those that `SegmentTree.save` writes, as tree_k_fields and so on. The
-        way back to the corners of the file is under names that start with mesh_. Factors on the
+        way back to the corners of the file is under names that start with ``mesh_``. Factors on the
         length of seams, where there are some, are seam_costs and vertex_seam_costs.
         """
         if not isinstance(self.surface, Scene):
