@@ -22,7 +22,7 @@ PARTS = {
     "Surfaces and files": ("surface", "transfer", "cutting", "io", "remesh", "scene"),
     "Charts by energy": ("partitioning",),
     "Segments by phase fields": ("segmentation",),
-    "Atlases": ("atlas", "unwrapping", "file_atlas"),
+    "Atlases": ("atlas", "unwrapping", "file_atlas", "batching"),
     "Pages": ("viewer", "page"),
     "Everything else": (),
 }

@@ -9,6 +9,9 @@ reads.
 """
 
 # sphinx_gallery_thumbnail_number = 1
+import json
+import subprocess
+import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -34,6 +37,26 @@ for name, surface in shapes.items():
     pa.save_mesh(surface, folder / f"{name}.obj")
 files = sorted(folder.glob("*.obj"))
 print([file.name for file in files])
+
+# %%
+# An atlas for each of them
+# -------------------------
+# ``phaseatlas batch`` takes files, folders and patterns, and makes atlases side by side, as many as
+# fit into memory. One mesh that fails does not stop the others. Whatever ends a batch, ``--resume``
+# goes on with what is missing, failed or changed. ``--dask ADDRESS`` lets a cluster do the work.
+command = [sys.executable, "-m", "phaseatlas", "batch", folder, "-o", folder / "atlases"]
+print(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+# %%
+# ``manifest.jsonl`` has a line of JSON for each mesh: what was made with which options, how long it
+# took, and the :doc:`figures </metrics>` of the atlas.
+for line in (folder / "atlases" / "manifest.jsonl").read_text().splitlines():
+    record = json.loads(line)
+    figures = record["metrics"]
+    print(
+        f"{Path(record['input']).name:13} {figures['charts']} charts, seam {figures['seam']:.2f}, "
+        f"packing {figures['packing']:.0f} %"
+    )
 
 # %%
 # Patches for machines of unequal speed
