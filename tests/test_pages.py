@@ -12,8 +12,8 @@ from phaseatlas.atlas import Atlas
 from phaseatlas.atlas.metrics import flaws
 from phaseatlas.atlas.pages import MAX_SIDE, PackOptions, lay_out, pages_of_subtrees
 from phaseatlas.quality import QualityWarning
+from phaseatlas.scene.components import as_it_is
 from phaseatlas.scene.document import read_document
-from phaseatlas.scene.repair import as_it_is
 from phaseatlas.scene.scene import Scene
 from phaseatlas.segmentation import SceneSegmentation
 from test_packing import charts_of, cut_sheet, lengths, signed_areas

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 import phaseatlas as pa
 import reference
 from phaseatlas import datasets
-from phaseatlas.scene.repair import components, repair
+from phaseatlas.scene.components import components
+from phaseatlas.scene.repair import repair
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])
 CUBE_QUADS = np.array(

@@ -22,7 +22,7 @@ PARTS = {
     "Surfaces and files": ("surface", "transfer", "cutting", "io", "remesh", "scene"),
     "Charts by energy": ("partitioning",),
     "Segments by phase fields": ("segmentation",),
-    "Atlases": ("atlas", "unwrapping", "file_atlas", "batching"),
+    "Atlases": ("atlas", "unwrapping", "file_atlas", "atlas_options", "batching"),
     "Pages": ("viewer", "page"),
     "Everything else": (),
 }

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from .atlas import Atlas
+from .saved_arrays import format_of, source_of
+from .scene.components import as_it_is, without_input
 from .scene.document import Document, read_document
 from .scene.mesh import Corners, Mesh
-from .scene.repair import as_it_is, without_input
 from .scene.scene import Scene, SceneFile, scene_file, scene_in
 from .scene.sources import LooseSource
 from .segmentation import SceneSegmentation, Segmentation, SegmentTree
-from .segmentation.tree import format_of, source_of
 from .surface import Surface
 
 __all__ = ["Reopened", "reopen"]

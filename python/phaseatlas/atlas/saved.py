@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Floats, Ints
+from ..saved_arrays import read_arrays, write_arrays
 from ..scene.arrays import scene_arrays, scene_of_arrays
 from ..scene.scene import Scene
-from ..segmentation.tree import read_arrays, write_arrays
 from ..surface import Surface
 from .charts import Chart, Layout
 

@@ -14,7 +14,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from ..file_atlas import AtlasOptions
+from ..atlas_options import AtlasOptions
 
 __all__ = ["peak", "triangles"]
 

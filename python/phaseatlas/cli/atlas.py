@@ -14,7 +14,7 @@ from .process import Record, say
 from .report import phases, progress, say_cut, say_metrics, say_pages, say_segmentation, say_written
 
 if TYPE_CHECKING:
-    from ..file_atlas import AtlasOptions
+    from ..atlas_options import AtlasOptions
 
 __all__ = ["atlas", "chosen_options"]
 
@@ -102,7 +102,7 @@ def atlas(
 
 def chosen_options(given: dict[str, Any]) -> AtlasOptions:
     """Return the options of the library for those of a command, by their names."""
-    from ..file_atlas import AtlasOptions
+    from ..atlas_options import AtlasOptions
 
     changed = {
         "shares": options.parsed_shares(given["shares"]),

@@ -14,12 +14,12 @@ from ..arrays import Bools, Floats, Ints
 from ..atlas import Atlas
 from ..atlas.metrics import atlas_metrics, uv_topology
 from ..points import flat_areas
+from ..saved_arrays import format_of
 from ..scene.document import Document, read_document
 from ..scene.looks import Look, linear_light
 from ..scene.rebake import looks_of
 from ..scene.scene import Scene, scene_in
 from ..segmentation import SceneSegmentation, SegmentTree
-from ..segmentation.tree import format_of
 from .subject import Picture, Subject, subject
 
 __all__ = ["subject_of_file"]

@@ -14,9 +14,10 @@ from ..partitioning import Partition
 from ..segmentation import SceneSegmentation, Segmentation
 from ..surface import Surface
 from ..transfer import Transfer
+from .components import Component
 from .document import Document
 from .mesh import Cut, Mesh
-from .repair import Aside, Component, Repaired
+from .repair import Aside, Repaired
 from .scene import Scene, SceneMesh
 from .sources import CutSource
 

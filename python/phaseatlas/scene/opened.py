@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from .. import quality
 from ..arrays import Bools, Ints
-from .repair import Repaired, components
+from .components import components
+from .repair import Repaired
 from .scene import Scene
 
 __all__ = ["half_edges", "opened"]

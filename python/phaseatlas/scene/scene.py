@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 from ..arrays import Floats, Ints
 from ..seam_factors import check_factors
 from ..surface import Surface
+from .components import Component, components
 from .document import Document, read_document
 from .mesh import Mesh
-from .repair import Component, Repaired, RepairReport, components, repair, summed
+from .repair import Repaired, RepairReport, repair, summed
 
 __all__ = [
     "NoAreaError",

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from ..arrays import Floats, Ints
+from ..saved_arrays import write_arrays
 from ..surface import Surface
-from .tree import SegmentTree, children, front, write_arrays
+from .tree import SegmentTree, children, front
 
 __all__ = ["ClusterTree", "Clustered", "cluster_tree"]
 

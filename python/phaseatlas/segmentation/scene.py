@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..saved_arrays import read_arrays, write_arrays
 from ..scene.scene import Scene
 from .scene_file import FORMAT, parts_of_arrays, segmentation_arrays
 from .segmentation import Segmentation
-from .tree import SegmentTree, read_arrays, write_arrays
+from .tree import SegmentTree
 from .whole import n_units
 
 if TYPE_CHECKING:
-    from ..scene.repair import Component
+    from ..scene.components import Component
     from ..surface import Surface
 
 __all__ = ["SceneSegmentation", "leaves_of_pieces"]

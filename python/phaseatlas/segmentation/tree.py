@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from os import PathLike
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
-from ..files import check_input, write_whole
 from ..functionals import indicator
 from ..notebook import Pictured
+from ..saved_arrays import read_arrays, write_arrays
 from ..scene.scene import SceneFile
 from ..seam_costs import cost_arrays, with_costs
 from ..surface import Surface
@@ -33,17 +32,12 @@ __all__ = [
     "front",
     "outline",
     "paths",
-    "read_arrays",
     "tree_arrays",
     "tree_of",
-    "write_arrays",
 ]
 
-_Made = TypeVar("_Made")
 
 _FORMAT = 1
-# What reads each format.
-_READERS = {1: "SegmentTree", 2: "SceneSegmentation", 3: "Atlas"}
 #: Deepest tree that is made: 65,536 segments where all are halves.
 MAX_LEVELS = 16
 
@@ -315,70 +309,6 @@ class SegmentTree(Pictured):
                 arrays, with_costs(Surface(arrays["vertices"], arrays["faces"]), arrays)
             ),
         )
-
-
-def write_arrays(path: str | PathLike[str], arrays: dict[str, Any]) -> None:
-    """Write an `.npz` file, whole or not at all."""
-    with write_whole(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)
-
-
-def read_arrays(
-    path: str | PathLike[str], version: int, made: Callable[[dict[str, Any]], _Made]
-) -> _Made:
-    """Read an `.npz` file of a segmentation or an atlas; `made` makes something of its arrays.
-
-    Parameters
-    ----------
-    path : str or PathLike
-    version : int
-        Format of the file: 1 for a tree, 2 for the segments of a scene, 3 for an atlas.
-    made : callable
-        From the arrays by their names to the result.
-
-    Raises
-    ------
-    ValueError
-        For a file that is no segmentation, or of another format.
-    FileNotFoundError
-        For a missing file.
-    """
-    try:
-        with np.load(Path(path), allow_pickle=False) as file:
-            arrays = {key: file[key] for key in file.files}
-        found = int(arrays["format"])
-        if found == version:
-            return made(arrays)
-    except FileNotFoundError:
-        raise
-    except Exception as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        kind = "atlas" if version == 3 else "segmentation"
-        raise ValueError(f"{path}: no {kind}: {reason}") from error
-    if found in _READERS:
-        raise ValueError(f"{path}: format {found} is what {_READERS[found]}.load reads")
-    raise ValueError(f"{path}: format {found} is newer than {max(_READERS)}")
-
-
-def format_of(path: Path) -> int:
-    """Format of an `.npz` file; see `read_arrays`."""
-    check_input(path)
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            found = int(file["format"])
-    except Exception as error:
-        raise ValueError(f"{path}: neither segments nor an atlas") from error
-    if found not in _READERS:
-        raise ValueError(f"{path}: format {found} is newer than {max(_READERS)}")
-    return found
-
-
-def source_of(path: Path) -> SceneFile | None:
-    """The file that the surface of a saved tree was read from."""
-    with np.load(path, allow_pickle=False) as file:
-        if "source" not in file.files or not str(file["source"]):
-            return None
-        return SceneFile(str(file["source"]), str(file["sha256"]))
 
 
 def tree_arrays(tree: SegmentTree) -> dict[str, Any]:
