@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
@@ -141,6 +142,7 @@ def atlas_file(
     output: str | PathLike[str],
     options: AtlasOptions | None = None,
     *,
+    executor: Executor | None = None,
     progress: Callable[[Any], None] | None = None,
 ) -> FileAtlas:
     """Give all meshes of a file one atlas, and write the file with the new texture coordinates.
@@ -159,6 +161,8 @@ def atlas_file(
         that shows it, with the file's own textures where none is given. Written whole or not at
         all.
     options : AtlasOptions, optional
+    executor : concurrent.futures.Executor, optional
+        Runs the nodes of a level and the pieces side by side; the result does not depend on it.
     progress : callable, optional
         Called with each `Phase` of `partition`, or the `Progress` of `segment`.
 
@@ -184,14 +188,18 @@ def atlas_file(
     check_suffix(source, output, ".npz", _PAGE)
     start = time.perf_counter()
     with _heard() as said:
-        made = _made(source, output, options, progress)
+        made = _made(source, output, options, executor, progress)
     for message in said:
         warnings.warn(message, QualityWarning, stacklevel=2)
     return replace(made, warnings=tuple(said), seconds=time.perf_counter() - start)
 
 
 def _made(
-    source: Path, output: Path, options: AtlasOptions, progress: Callable[[Any], None] | None
+    source: Path,
+    output: Path,
+    options: AtlasOptions,
+    executor: Executor | None,
+    progress: Callable[[Any], None] | None,
 ) -> FileAtlas:
     picture = read_texture(options.texture)
     result = FileAtlas(source, output, options, None, None, None)
@@ -200,7 +208,7 @@ def _made(
         check_solved(options)
         found = reopen(source)
     else:
-        found = _solved(result, progress)
+        found = _solved(result, executor, progress)
         if isinstance(found, FileAtlas):
             return found
     before = found.scene
@@ -257,7 +265,9 @@ def _made(
     return _save_more(written, atlas, scene)
 
 
-def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopened | FileAtlas:
+def _solved(
+    result: FileAtlas, executor: Executor | None, progress: Callable[[Any], None] | None
+) -> Reopened | FileAtlas:
     """Read a file of meshes and cut it into segments; done at once where no face has an area."""
     options = result.options
     document = read_document(result.source)
@@ -276,10 +286,15 @@ def _solved(result: FileAtlas, progress: Callable[[Any], None] | None) -> Reopen
     scene = granted(document, scene, options.wishes())
     segmentation = (
         segment(
-            scene, options.levels, shares=options.shares, progress=progress, **options.of_tree()
+            scene,
+            options.levels,
+            shares=options.shares,
+            executor=executor,
+            progress=progress,
+            **options.of_tree(),
         )
         if options.by_tree
-        else partition(scene, progress=progress, **options.of_partition())
+        else partition(scene, executor=executor, progress=progress, **options.of_partition())
     )
     return Reopened(document, scene, segmentation)
 

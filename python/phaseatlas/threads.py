@@ -1,10 +1,13 @@
-"""How many threads there are to be."""
+"""How many threads there are to be, and a pool of them."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
-__all__ = ["n_threads"]
+__all__ = ["n_threads", "pool"]
 
 
 def n_threads() -> int:
@@ -15,3 +18,18 @@ def n_threads() -> int:
     cores = os.cpu_count() or 1
     asked = os.environ.get("RAYON_NUM_THREADS", "")
     return min(cores, int(asked)) if asked.isdecimal() and int(asked) > 0 else cores
+
+
+@contextmanager
+def pool() -> Iterator[ThreadPoolExecutor | None]:
+    """Give a thread for each core, or None for one; what is left at the end is not waited for."""
+    count = n_threads()
+    if count == 1:
+        yield None
+        return
+    threads = ThreadPoolExecutor(count)
+    try:
+        yield threads
+    finally:
+        # After Ctrl-C a solve would go on for minutes.
+        threads.shutdown(wait=False, cancel_futures=True)

@@ -10,7 +10,7 @@ import typer
 
 from . import options
 from .output import check_output
-from .process import Record, say
+from .process import Record, say, workers
 from .report import phases, progress, say_cut, say_metrics, say_pages, say_segmentation, say_written
 
 if TYPE_CHECKING:
@@ -85,8 +85,9 @@ def atlas(
     from ..file_atlas import atlas_file
 
     options_of_file = chosen_options(context.params)
-    with progress(levels) if options_of_file.by_tree else phases() as report:
-        made = atlas_file(mesh, output, options_of_file, progress=report)
+    shown = progress(levels) if options_of_file.by_tree else phases()
+    with shown as report, workers() as executor:
+        made = atlas_file(mesh, output, options_of_file, executor=executor, progress=report)
     for note in made.notes:
         say(f"note: {note}")
     if made.scene is not None and made.segmentation is not None and made.atlas is not None:

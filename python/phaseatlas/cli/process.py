@@ -9,6 +9,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ __all__ = [
     "on_terminal",
     "say",
     "verbose",
+    "workers",
 ]
 
 FAILED, USAGE, WARNED = 1, 2, 3
@@ -210,6 +212,18 @@ def on_terminal() -> bool:
 def verbose() -> bool:
     """Whether each step is to be told, in lines."""
     return _voice.get().verbose
+
+
+@contextmanager
+def workers() -> Iterator[Executor | None]:
+    """Give threads for what can be done side by side; none where each step is to be told."""
+    if verbose():
+        yield None
+        return
+    from ..threads import pool
+
+    with pool() as threads:
+        yield threads
 
 
 def _let_go(stream: object) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from . import options
 from .output import check_output
-from .process import Record
+from .process import Record, workers
 from .report import progress, say_segmentation, say_tree, say_written
 
 if TYPE_CHECKING:
@@ -144,5 +144,5 @@ def segmented(
     """
     from ..segmentation import segment
 
-    with progress(levels) as report:
-        return segment(surface, levels, progress=report, **others)
+    with progress(levels) as report, workers() as executor:
+        return segment(surface, levels, executor=executor, progress=report, **others)
