@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::disk::Marks;
 use super::energy::{Chart, Energies, Rule};
 use super::geometry::Geometry;
+use super::marks::{Marks, union};
 use crate::mesh::NONE;
 
 /// Charts that share the faces of the surface among them.
@@ -106,24 +106,6 @@ pub(super) fn seams(geometry: &Geometry, labels: &[u32]) -> Seams {
         }
     }
     seams
-}
-
-/// Sorted union of two sorted lists without common faces.
-pub(super) fn union(a: &[u32], b: &[u32]) -> Vec<u32> {
-    let mut faces = Vec::with_capacity(a.len() + b.len());
-    let (mut i, mut j) = (0, 0);
-    while i < a.len() && j < b.len() {
-        if a[i] < b[j] {
-            faces.push(a[i]);
-            i += 1;
-        } else {
-            faces.push(b[j]);
-            j += 1;
-        }
-    }
-    faces.extend_from_slice(&a[i..]);
-    faces.extend_from_slice(&b[j..]);
-    faces
 }
 
 /// Connected pieces of equal label among sorted faces, each sorted, by their first faces; `label` is

@@ -6,8 +6,8 @@ use std::collections::BinaryHeap;
 
 use petgraph::unionfind::UnionFind;
 
-use super::disk::{Marks, walk_fan};
 use super::geometry::{Geometry, next};
+use super::marks::{Marks, walk_fan};
 use crate::mesh::NONE;
 
 pub(super) struct Opening {

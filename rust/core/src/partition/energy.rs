@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use super::charts::union;
-use super::disk::{Disk, Marks, Opened};
+use super::disk::{Disk, Opened};
 use super::factor::{Factor, Matrix};
 use super::geometry::Geometry;
+use super::marks::{Marks, union};
 use crate::error::Result;
 use crate::flatten::polygon::{covered_twice, is_simple, turn};
 use crate::flatten::touch::only_touches;

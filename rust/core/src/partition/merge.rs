@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::charts::{Charts, union};
+use super::charts::Charts;
 use super::energy::{Chart, Energies, Rule};
+use super::marks::union;
 
 #[derive(PartialEq)]
 struct Candidate {

@@ -13,6 +13,7 @@ mod energy;
 mod factor;
 mod flow;
 mod geometry;
+mod marks;
 mod merge;
 mod perturb;
 mod relax;

@@ -6,11 +6,12 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::charts::{Charts, Seams, pieces, seams, union};
-use super::disk::Marks;
+use super::charts::{Charts, Seams, pieces, seams};
 use super::energy::{Chart, Energies, Rule};
 use super::flow::{Network, Side};
 use super::geometry::{Geometry, next};
+use super::marks::Marks;
+use super::marks::union;
 
 /// Half the width of the first and narrowest band, and of the widest, in mean edge lengths. Where all
 /// bands began with the widest, 90 % of 300 moves that were accepted were no wider than twice the

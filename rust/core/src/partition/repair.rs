@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::charts::{Charts, pieces, union};
+use super::charts::{Charts, pieces};
 use super::energy::{Chart, Energies, Rule, SMALLEST};
+use super::marks::union;
 use super::split::split;
 use crate::random::Random;
 
