@@ -1,9 +1,11 @@
 """Files of segments and of atlases, which are baked, packed and flattened without another solve."""
 
 import dataclasses
+import os
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import phaseatlas as pa
 from phaseatlas.atlas import Atlas
@@ -130,3 +132,78 @@ def test_what_cannot_be_reopened(two, tmp_path):
     with pytest.raises(ValueError, match=r"what Atlas\.load reads"):
         pa.SegmentTree.load(tmp_path / "a.npz")
     assert not (tmp_path / "b.obj").exists()
+
+
+def test_an_npz_file_has_no_place_for_a_texture(two, tmp_path):
+    for name, value in (("texture", "checker"), ("rebake", True), ("uv_set", 1), ("udim", True)):
+        with pytest.raises(ValueError, match=f"{name}: value must not be given for an"):
+            made(two, tmp_path / "a.npz", **{name: value})
+
+
+def test_nothing_that_is_read_is_overwritten(two, tmp_path):
+    """The file, its textures, lists of seams and of faces, and what goes beside the output."""
+    before = two.read_bytes()
+    with pytest.raises(ValueError, match=r"output: .*two\.obj would overwrite an input"):
+        made(two, two)
+    picture = tmp_path / "out.1001.png"
+    Image.new("RGB", (4, 4)).save(picture)
+    held = picture.read_bytes()
+    with pytest.raises(ValueError, match=r"output: .*out\.1001\.png would overwrite an input"):
+        made(two, tmp_path / "out.obj", texture=picture, udim=True, effort="fast")
+    seams = tmp_path / "cuts.obj"
+    seams.write_text(two.read_text() + "l 1 2\n")
+    with pytest.raises(ValueError, match=r"output: .*cuts\.obj would overwrite an input"):
+        made(two, seams, seams=seams)
+    assert (two.read_bytes(), picture.read_bytes()) == (before, held)
+    assert not (tmp_path / "out.obj").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("levels", -1),
+        ("levels", 99),
+        ("levels", 2.5),
+        ("shares", ()),
+        ("shares", (-1, 2)),
+        ("weld", -1.0),
+        ("uv_set", -5),
+        ("keep", "abc"),
+        ("seed", 2**64),
+    ],
+)
+def test_options_are_checked_at_once(name, value):
+    with pytest.raises(ValueError, match=f"^{name}"):
+        AtlasOptions(**{name: value})
+
+
+def test_pages_and_stacks_of_a_saved_atlas_stay(two, tmp_path):
+    first = made(two, tmp_path / "a.npz", effort="fast", pages=2)
+    again = made(tmp_path / "a.npz", tmp_path / "b.npz")
+    assert np.array_equal(again.atlas.pages, first.atlas.pages)
+    assert np.array_equal(again.atlas.uv, first.atlas.uv)
+    wider = made(tmp_path / "a.npz", tmp_path / "b.obj", padding=9)
+    assert wider.atlas.n_pages == 2
+    lines = (tmp_path / "b.obj").read_text().splitlines()
+    assert {"usemtl small.1001", "usemtl small.1002"} & set(lines)
+    assert "usemtl small" not in lines
+    surface = pa.datasets.icosphere(2)
+    pa.save_mesh(surface, tmp_path / "ball.obj")
+    options = {"effort": "fast", "symmetry": "x", "stack": True}
+    stacked = made(tmp_path / "ball.obj", tmp_path / "s.npz", **options)
+    assert stacked.atlas.stacked.any()
+    with pytest.raises(ValueError, match="cut: value must not be given for stacked charts"):
+        made(tmp_path / "s.npz", tmp_path / "c.obj", cut=True)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "x.obj")
+    with pytest.raises(ValueError, match=r"x\.obj: not a regular file"):
+        made(tmp_path / "x.obj", tmp_path / "y.obj")
+
+
+def test_a_weld_that_leaves_nothing_is_refused(two, tmp_path):
+    with pytest.raises(ValueError, match=r"weld: 1e\+09 leaves no face with an area"):
+        made(two, tmp_path / "y.obj", weld=1e9)
+    assert not (tmp_path / "y.obj").exists()

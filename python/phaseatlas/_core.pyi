@@ -35,6 +35,7 @@ __all__ = [
     "label_components",
     "lscm",
     "most_padding",
+    "n_threads",
     "nearest",
     "pack",
     "parents",
@@ -331,4 +332,5 @@ class Bake:
 def sample(
     image: NDArray[np.uint8] | NDArray[np.float64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]: ...
+def n_threads() -> int: ...
 def available_memory() -> int: ...

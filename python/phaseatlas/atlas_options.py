@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -11,6 +12,7 @@ from .atlas.bake import check_resolution
 from .atlas.drawing import check_drawing
 from .atlas.flatten import FLATTENINGS, Flattening
 from .atlas.pages import PackOptions
+from .file_textures import CHECKER
 from .optimise import AreaConstraint, Solver
 from .partitioning import check_options
 from .partitioning.partition import DISTORTION, Effort
@@ -18,8 +20,9 @@ from .partitioning.symmetry import Axis
 from .scene.wishes import Wishes
 from .segmentation import Options
 from .segmentation.options import Initial, Law
+from .segmentation.shares import check_levels, check_shares
 
-__all__ = ["AtlasOptions", "check_solved"]
+__all__ = ["AtlasOptions", "check_saved", "check_solved", "files_of"]
 
 # Options of one of the two ways to charts, which mean nothing to the other.
 _OF_THE_TREE = ("connected", "law", "area", "epsilon", "solver", "initial")
@@ -137,6 +140,17 @@ class AtlasOptions:
             raise ValueError("unit: value must be given with outlines alone")
         if self.outlines is not None:
             check_drawing(Path(self.outlines), self.unit or "mm")
+        check_levels(self.levels)
+        if self.shares is not None:
+            check_shares(self.shares)
+        if not (math.isfinite(self.weld) and self.weld >= 0):
+            raise ValueError(f"weld: {self.weld} must be a number of at least 0")
+        if self.uv_set is not None and self.uv_set < 0:
+            raise ValueError(f"uv_set: {self.uv_set} must be at least 0")
+        if any(not str(name).strip() for name in self.keep):
+            raise ValueError("keep: a name must not be empty")
+        if isinstance(self.keep, str):
+            raise ValueError(f"keep: {self.keep!r} must be a tuple of names")
         if self.rebake and self.texture is not None:
             raise ValueError("rebake: value must not be given with texture")
         if self.flatten not in (None, *FLATTENINGS):
@@ -215,3 +229,17 @@ def check_solved(options: AtlasOptions) -> None:
     ):
         if name in given:
             raise ValueError(f"{name}: value must not be given with an .npz file")
+
+
+def check_saved(options: AtlasOptions) -> None:
+    """Refuse options that an `.npz` file has no place for."""
+    given = options.given()
+    for name in ("texture", "rebake", "uv_set", "udim"):
+        if name in given:
+            raise ValueError(f"{name}: value must not be given for an .npz file, which has none")
+
+
+def files_of(options: AtlasOptions) -> list[Path]:
+    """The files that options name, which must not be overwritten."""
+    named = [options.texture, options.seams, *options.keep]
+    return [Path(name) for name in named if name is not None and str(name) != CHECKER]

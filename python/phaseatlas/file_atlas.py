@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -15,7 +15,7 @@ from typing import Any
 from ._core import __version__
 from .atlas import Atlas, build_atlas
 from .atlas.pages import PackOptions
-from .atlas_options import AtlasOptions, check_solved
+from .atlas_options import AtlasOptions, check_saved, check_solved, files_of
 from .file_textures import CHECKER, notes_of, read_texture, textures_of, with_textures
 from .partitioning import Partition, partition
 from .quality import QualityWarning
@@ -186,6 +186,9 @@ def atlas_file(
     source, output = Path(source), Path(output)
     options = AtlasOptions() if options is None else options
     check_suffix(source, output, ".npz", _PAGE)
+    if output.suffix.lower() == ".npz":
+        check_saved(options)
+    _check_kept([output], source, options)
     start = time.perf_counter()
     with _heard() as said:
         made = _made(source, output, options, executor, progress)
@@ -213,6 +216,9 @@ def _made(
             return found
     before = found.scene
     if options.cut:
+        if found.atlas is not None and found.atlas.stacked.any():
+            # Straightened seams are not symmetric.
+            raise ValueError("cut: value must not be given for stacked charts")
         document, scene, segmentation = cut_document(
             found.document, found.scene, found.segmentation
         )
@@ -257,7 +263,7 @@ def _made(
         texture=options.texture,
         picture=picture,
         rebaked=options.rebake,
-        split=options.pages > 1,
+        split=atlas.n_pages > 1,
         udim=options.udim,
         uv_set=options.uv_set,
     )
@@ -276,6 +282,8 @@ def _solved(
     except NoAreaError:
         if result.output.suffix.lower() == _PAGE:
             raise
+        if options.weld > 0:
+            raise ValueError(f"weld: {options.weld:g} leaves no face with an area") from None
         places = no_places(document.meshes)
         words = "no face has an area: all texture coordinates are 0, and no texture is made"
         contents = document.with_uv(result.output, places, uv_set=options.uv_set)
@@ -305,7 +313,12 @@ def _laid_out(found: Reopened, options: AtlasOptions, overlap: bool) -> Atlas:
         # What is wrong with the layout is said by its check.
         warnings.filterwarnings("ignore", r"(flips|overlap|density): ", QualityWarning)
         if found.atlas is not None and options.flatten is None:
-            return found.atlas.packed(**options.of_packing())
+            given = {name for name in options.of_packing() if name in options.given()}
+            # What was saved stays where it is, on as many pages, unless it is to be packed anew.
+            if not given:
+                return found.atlas
+            pages = options.pages if "pages" in given else found.atlas.n_pages
+            return found.atlas.packed(**{**options.of_packing(), "pages": pages})
         return build_atlas(
             found.segmentation,
             flatten=options.flatten,
@@ -329,8 +342,17 @@ def _save_more(result: FileAtlas, atlas: Atlas, scene: Scene) -> FileAtlas:
     return replace(result, files=tuple(files))
 
 
+def _check_kept(files: Iterable[Path], source: Path, options: AtlasOptions) -> None:
+    """Refuse to write what is read."""
+    read = {path.resolve() for path in (source, *files_of(options))}
+    for path in files:
+        if path.resolve() in read:
+            raise ValueError(f"output: {path} would overwrite an input")
+
+
 def _written(result: FileAtlas, contents: Contents, *notes: str) -> FileAtlas:
     """Write the files, whole or not at all."""
+    _check_kept(contents.files, result.source, result.options)
     write_contents(contents, result.output)
     return replace(result, files=tuple(contents.files), notes=(*contents.notes, *notes))
 

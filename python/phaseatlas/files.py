@@ -22,7 +22,7 @@ def check_input(path: Path) -> None:
     Raises
     ------
     ValueError
-        For an empty file.
+        For an empty file, and for what is no regular one.
     FileNotFoundError, IsADirectoryError
         For a missing file and for a folder.
     """
@@ -30,6 +30,9 @@ def check_input(path: Path) -> None:
         raise FileNotFoundError(f"{path}: no such file")
     if path.is_dir():
         raise IsADirectoryError(f"{path}: a folder, not a file")
+    if not path.is_file():
+        # A pipe would be waited for.
+        raise ValueError(f"{path}: not a regular file")
     with path.open("rb") as file:
         if not file.read(1):
             raise ValueError(f"{path}: empty file")

@@ -83,7 +83,8 @@ class Unwrapped(Pictured):
         corners, report = self.corners.size // 2, self.report
         figures = f"stretch {report.metrics['l2']:.4g}, packing {report.metrics['packing']:.3g} %"
         pieces = f"{report.pieces} piece{'s' * (report.pieces != 1)}"
-        return f"Unwrapped({corners} corners, {report.charts} charts, {pieces},\n  {figures})"
+        charts = f"{report.charts} chart{'s' * (report.charts != 1)}"
+        return f"Unwrapped({corners} corners, {charts}, {pieces},\n  {figures})"
 
 
 def unwrap(
@@ -167,6 +168,8 @@ def unwrap(
     if isinstance(vertices, Surface):
         if faces is not None:
             raise ValueError("faces: value must be left out for a surface")
+        if weld:
+            raise ValueError("weld: value must be left out for a surface")
         surface: Surface = with_seam_cost(vertices, seam_cost, keep=keep, creases=creases)
         if seams is not None:
             if not isinstance(surface, Scene):
@@ -185,7 +188,12 @@ def unwrap(
         raise ValueError("stack: value must be given with symmetry alone")
     PackOptions(padding, resolution, mips, density, pages).check_area(surface.area)
     if levels is not None:
-        given = {"max_distortion": max_distortion, "max_charts": max_charts, "symmetry": symmetry}
+        given: dict[str, object] = {
+            "max_distortion": max_distortion,
+            "max_charts": max_charts,
+            "symmetry": symmetry,
+            "effort": None if effort == "normal" else effort,
+        }
         for name, value in given.items():
             if value is not None:
                 raise ValueError(f"{name}: value must be left out with levels")
@@ -271,9 +279,7 @@ def unwrapped(atlas: Atlas, shape: tuple[int, ...] = (-1, 2), *, udim: bool = Fa
     """
     surface = atlas.surface
     uv = atlas.udim if udim else atlas.uv
-    chart = np.empty(surface.n_faces, dtype=np.int64)
-    for k, each in enumerate(atlas.charts):
-        chart[each.faces[each.labelled]] = k
+    chart = atlas.face_charts
     if isinstance(surface, Scene):
         corners = np.concatenate(surface.corners(uv)).reshape(shape)
         charts = np.concatenate(surface.polygon_values(chart))

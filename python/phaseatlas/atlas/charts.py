@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..points import flat_areas
 from ..surface import Surface
 from ..tiles import tile_offsets
 
-__all__ = ["Chart", "Domain", "Layout"]
+__all__ = ["Chart", "Domain", "Layout", "charts_of_faces"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,14 @@ class Chart:
         return f"Chart(of segment {self.segment}, {labelled}, cut by {self.cut_length:.4g})"
 
 
+def charts_of_faces(charts: Sequence[Chart], n_faces: int) -> Ints:
+    """Number of the chart that each face is labelled in, (m,)."""
+    numbers = np.empty(n_faces, dtype=np.int64)
+    for number, chart in enumerate(charts):
+        numbers[chart.faces[chart.labelled]] = number
+    return numbers
+
+
 @dataclass(frozen=True, eq=False)
 class Layout(Pictured):
     """Charts of a surface and their sharp parts packed into the unit square, or into several.
@@ -152,11 +161,14 @@ class Layout(Pictured):
         return int(self.pages.max(initial=0)) + 1
 
     @property
+    def face_charts(self) -> Ints:
+        """Number of the chart of each face, (m,)."""
+        return charts_of_faces(self.charts, self.surface.n_faces)
+
+    @property
     def face_pages(self) -> Ints:
         """Page of each face, (m,)."""
-        pages = np.zeros(self.surface.n_faces, dtype=np.int64)
-        for chart, page in zip(self.charts, self.pages, strict=True):
-            pages[chart.faces[chart.labelled]] = page
+        pages: Ints = self.pages[self.face_charts]
         return pages
 
     @property

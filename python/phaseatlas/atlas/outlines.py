@@ -263,9 +263,7 @@ def _chains(following: Ints) -> list[Ints]:
 def _pieces(
     layout: Layout, edges: _Edges, points: Floats, corners: Floats, piece: Ints
 ) -> tuple[Piece, ...]:
-    chart = np.empty(layout.surface.n_faces, dtype=np.int64)
-    for number, each in enumerate(layout.charts):
-        chart[each.faces[each.labelled]] = number
+    chart = layout.face_charts
     loops = _chains(edges.following)
     owner = edges.piece[[loop[0] for loop in loops]]
     order = np.argsort(piece, kind="stable")

@@ -12,7 +12,7 @@ from ..arrays import Floats, Ints
 from ..points import flat_areas
 from ..quality import warn
 from ..segmentation import SceneSegmentation, Segmentation, SegmentTree
-from .charts import Chart
+from .charts import Chart, charts_of_faces
 from .packing import Pieces, check_packing, gather, share_with_room
 
 __all__ = [
@@ -257,9 +257,7 @@ def _charts_below(charts: Sequence[Chart], n_faces: int, stack: Ints | None) -> 
     below = np.arange(len(charts))
     if stack is None:
         return below
-    of_face = np.empty(n_faces, dtype=np.int64)
-    for number, chart in enumerate(charts):
-        of_face[chart.faces[chart.labelled]] = number
+    of_face = charts_of_faces(charts, n_faces)
     for number, chart in enumerate(charts):
         corner = stack[chart.faces[chart.labelled][0], 0]
         if corner >= 0:

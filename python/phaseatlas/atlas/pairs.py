@@ -10,7 +10,7 @@ from ..arrays import Ints
 from ..partitioning.symmetry import Axis, mirror, stacked_corners
 from ..quality import warn
 from ..surface import Surface
-from .charts import Chart
+from .charts import Chart, charts_of_faces
 
 __all__ = ["corners_of_pairs"]
 
@@ -42,9 +42,7 @@ def corners_of_pairs(surface: Surface, charts: Sequence[Chart], axis: Axis) -> I
         Where no chart is the image of another one.
     """
     stack = stacked_corners(surface, mirror(surface, axis))
-    of_face = np.empty(surface.n_faces, dtype=np.int64)
-    for number, chart in enumerate(charts):
-        of_face[chart.faces[chart.labelled]] = number
+    of_face = charts_of_faces(charts, surface.n_faces)
     for chart in charts:
         faces = chart.faces[chart.labelled]
         corners = stack[faces]

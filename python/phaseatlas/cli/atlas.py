@@ -76,7 +76,8 @@ def atlas(
     --connected, --law, --area, --epsilon, --solver and --initial belong.
     """
     given = texture if texture is not None and str(texture) != "checker" else None
-    inputs = [mesh] if given is None else [mesh, given]
+    named = (given, seams, *map(Path, keep or ()))
+    inputs = [mesh, *(path for path in named if path is not None)]
     check_output(output, inputs, *_SUFFIXES)
     if charts is not None:
         check_output(charts, [*inputs, output], ".glb", name="charts")

@@ -188,7 +188,7 @@ AtlasDistortion = Annotated[
     float | None,
     typer.Option(
         help="Weight of the distortion against the length of the seams, for unit area.",
-        show_default="600; with --levels 0",
+        show_default="600; 0 with --levels",
     ),
 ]
 MaxDistortion = Annotated[

@@ -92,7 +92,7 @@ def meshes() -> Iterator[Callable[[BatchProgress], None]]:
                 made = (
                     record.get("error") or f"{record['charts']} charts, {record['seconds']:.1f} s"
                 )
-                say(f"{state.done}/{state.total} {record['output']}: {made}")
+                say(f"{state.done}/{state.total} {' '.join(record['input'].split())}: {made}")
 
         yield tell
 

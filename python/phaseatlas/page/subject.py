@@ -182,9 +182,7 @@ def _(thing: SegmentTree) -> Subject:
 @subject.register
 def _(thing: Atlas) -> Subject:
     surface = thing.surface
-    chart = np.empty(surface.n_faces, dtype=np.int64)
-    for k, each in enumerate(thing.charts):
-        chart[each.faces[each.labelled]] = k
+    chart = thing.face_charts
     parts = [(k, each.vertices, each.weights) for k, each in enumerate(thing.charts)]
     blended = any(not each.labelled.all() for each in thing.charts)
     return Subject(

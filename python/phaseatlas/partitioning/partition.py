@@ -401,5 +401,7 @@ def check_options(
         raise ValueError(f"effort: value must be one of {get_args(Effort)}, got {effort!r}")
     if seed < 0:
         raise ValueError(f"seed: value must not be negative, got {seed}")
+    if seed >= 2**64:
+        raise ValueError(f"seed: value must be less than 2^64, got {seed}")
     if symmetry not in (None, *AXES):
         raise ValueError(f"symmetry: {symmetry!r} must be one of {AXES}")

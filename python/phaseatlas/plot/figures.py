@@ -156,9 +156,7 @@ def uv_layout(
         raise ValueError(f"tint: {tint} must be in [0, 1]")
     check_size(size)
     surface = atlas.surface
-    labels = np.empty(surface.n_faces, dtype=np.int64)
-    for index, chart in enumerate(atlas.charts):
-        labels[chart.faces[chart.labelled]] = index
+    labels = atlas.face_charts
     tints = segment_colors(surface, labels, len(atlas.charts))
     images = [image] if isinstance(image, np.ndarray) else list(image)
     if len(images) != atlas.n_pages:

@@ -139,6 +139,8 @@ class Options:
         for name, least in {"seed": 0, "max_iterations": 1}.items():
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: {getattr(self, name)} must be at least {least}")
+        if self.seed >= 2**64:
+            raise ValueError(f"seed: {self.seed} must be less than 2^64")
         choices = {
             "solver": tuple(SOLVERS),
             "initial": INITIALS,

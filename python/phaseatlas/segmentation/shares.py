@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from .. import quality
+from ..arrays import Floats
 from ..surface import Surface
 from .tree import MAX_LEVELS
 from .whole import n_units
 
-__all__ = ["check_levels", "parts_of"]
+__all__ = ["check_levels", "check_shares", "parts_of"]
 
 
 def parts_of(
@@ -19,16 +20,9 @@ def parts_of(
 ) -> Sequence[float]:
     """The shares of the segments, checked."""
     if shares is not None:
-        parts = np.asarray(shares, dtype=np.float64)
         if levels is not None:
             raise ValueError("shares: must be given without levels")
-        if parts.ndim != 1 or len(parts) < 2:
-            raise ValueError(f"shares: shape {parts.shape} must be (k,) with k at least 2")
-        if not (np.isfinite(parts) & (parts > 0)).all():
-            wrong = int(np.argmin(np.isfinite(parts) & (parts > 0)))
-            raise ValueError(f"shares[{wrong}]: {parts[wrong]} must be a positive number")
-        if len(parts) > 2**MAX_LEVELS:
-            raise ValueError(f"shares: {len(parts)} of them must be at most {2**MAX_LEVELS}")
+        parts = check_shares(shares)
         least = float(surface.face_areas.min() / surface.area)
         if (parts < least * parts.sum()).any():
             small = int(np.argmin(parts))
@@ -52,5 +46,20 @@ def parts_of(
 
 
 def check_levels(levels: int | None) -> None:
+    """ValueError for a depth that no tree has."""
     if levels is not None and levels not in range(1, MAX_LEVELS + 1):
         raise ValueError(f"levels: {levels!r} must be a whole number in 1..{MAX_LEVELS}")
+
+
+def check_shares(shares: Sequence[float]) -> Floats:
+    """Shares as an array; ValueError for anything but two or more positive numbers."""
+    parts = np.asarray(shares, dtype=np.float64)
+    if parts.ndim != 1 or len(parts) < 2:
+        raise ValueError(f"shares: shape {parts.shape} must be (k,) with k at least 2")
+    good = np.isfinite(parts) & (parts > 0)
+    if not good.all():
+        wrong = int(np.argmin(good))
+        raise ValueError(f"shares[{wrong}]: {parts[wrong]} must be a positive number")
+    if len(parts) > 2**MAX_LEVELS:
+        raise ValueError(f"shares: {len(parts)} of them must be at most {2**MAX_LEVELS}")
+    return parts

@@ -89,6 +89,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<bake::Bake>()?;
     module.add_function(wrap_pyfunction!(bake::sample, module)?)?;
     module.add_function(wrap_pyfunction!(memory::available_memory, module)?)?;
+    module.add_function(wrap_pyfunction!(pool::size, module)?)?;
     module.add("BYTES_PER_TEXEL", phaseatlas_core::bake::BYTES_PER_TEXEL)?;
     module.add("MAX_RESOLUTION", phaseatlas_core::raster::MAX_RESOLUTION)?;
     Ok(())

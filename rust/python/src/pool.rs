@@ -39,7 +39,9 @@ fn current() -> PyResult<Arc<ThreadPool>> {
 }
 
 /// Number of threads: that of the cores, or what `RAYON_NUM_THREADS` asks for if it is less.
-fn size() -> usize {
+#[pyfunction]
+#[pyo3(name = "n_threads")]
+pub(crate) fn size() -> usize {
     // More threads than cores only wait for each other, and thousands run out of memory.
     let cores = thread::available_parallelism().map_or(1, NonZero::get);
     let asked = env::var("RAYON_NUM_THREADS")
