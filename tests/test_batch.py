@@ -225,7 +225,7 @@ def test_the_bytes_do_not_depend_on_who_works(models, serial, tmp_path):
     assert [(state.done, state.total) for state in told] == [(k, 5) for k in range(6)]
     assert list(result.records) == lines(tmp_path)
     (failed,) = result.failed
-    assert failed["error"] == "no faces: the mesh is empty"
+    assert failed["error"] == "no faces: points or lines alone"
     (ball,) = (record for record in result.records if record["output"] == "ball.glb")
     assert ball["input"] == str(models / "ball.obj")
     assert ball["sha256"] == hashlib.sha256((models / "ball.obj").read_bytes()).hexdigest()
@@ -436,7 +436,7 @@ def test_one_killed_worker_is_no_failure(models, serial, tmp_path):
     _, errors = process.communicate()
     assert process.returncode == 1
     assert errors.splitlines() == [
-        f"phaseatlas: {models}/points.obj: no faces: the mesh is empty",
+        f"phaseatlas: {models}/points.obj: no faces: points or lines alone",
         "phaseatlas: 1 of 5 meshes failed; --resume tries them again",
     ]
     check_whole(tmp_path, serial)

@@ -532,6 +532,8 @@ def test_file_has_the_documented_keys(tree, tmp_path):
         "parents",
         "positive",
         "shares",
+        "source",
+        "sha256",
     }
     np.testing.assert_array_equal(arrays["weights"], tree.weights)
     np.testing.assert_array_equal(arrays["labels"], tree.labels)
