@@ -447,6 +447,21 @@ def test_copies_of_a_piece_are_cut_once_and_alike() -> None:
         assert part.surface is piece.surface
 
 
+def test_pieces_that_are_painted_differently_are_no_copies() -> None:
+    ball = datasets.icosphere(1)
+    n, m = ball.n_vertices, ball.n_faces
+    of_edges, at_vertices = np.full((m, 3), 2.0), np.full(n, 2.0)
+    surfaces = [
+        ball,
+        ball.with_seam_costs(of_edges),
+        ball.with_seam_costs(None, at_vertices),
+        ball.with_seam_costs(None, 2 * at_vertices),
+        ball.with_seam_costs(of_edges, at_vertices),
+        ball.with_seam_costs(None, at_vertices),
+    ]
+    assert first_copies(surfaces) == [0, 1, 2, 3, 4, 2]
+
+
 def test_carried_boundaries_are_drawn_straight() -> None:
     surface = datasets.sheet(40, 40)
     x, y, _ = surface.vertices[surface.faces].mean(axis=1).T

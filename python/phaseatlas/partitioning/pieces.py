@@ -32,8 +32,8 @@ def _shape(surface: Surface) -> bytes:
     places = np.rint((surface.vertices - corner) * (_PLACES / extent)).astype(np.int32)
     digest = hashlib.sha256(places.tobytes())
     digest.update(surface.faces.tobytes())
-    if surface.seam_costs is not None:
-        digest.update(surface.seam_costs.tobytes())
+    for costs in (surface.seam_costs, surface.vertex_seam_costs):
+        digest.update(b"none" if costs is None else costs.tobytes())
     return digest.digest()
 
 
