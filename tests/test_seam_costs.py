@@ -269,6 +269,42 @@ def test_creases_are_cheap_and_seams_follow_them():
     assert with_seam_cost(fine, creases=100.0).seam_costs is None
 
 
+def one_sided(surface, cost):
+    """A factor on one side of each edge, and 1 on the other."""
+    numbers = np.arange(surface.n_faces)[:, None]
+    return np.where(numbers < surface.face_neighbours, cost, 1.0)
+
+
+@pytest.mark.parametrize("surface", [datasets.icosphere(2), datasets.sheet(5, 4)])
+def test_of_the_two_factors_of_an_edge_the_larger_counts(surface):
+    given = np.random.default_rng(0).uniform(1.0, 2.0, (surface.n_faces, 3))
+    edges = np.sort(np.stack([surface.faces, np.roll(surface.faces, -1, axis=1)], axis=2), axis=2)
+    largest = {}
+    for edge, cost in zip(map(tuple, edges.reshape(-1, 2)), given.reshape(-1), strict=True):
+        largest[edge] = max(largest.get(edge, 0.0), cost)
+    expected = [largest[edge] for edge in map(tuple, edges.reshape(-1, 2))]
+    scene = Scene([("", repair(surface.vertices, surface.faces))])
+    for costed in (surface.with_seam_costs(given), scene.with_seam_costs(given)):
+        np.testing.assert_array_equal(costed.seam_costs.reshape(-1), expected)
+        assert np.array_equal(pickle.loads(pickle.dumps(costed)).seam_costs, costed.seam_costs)
+
+
+def test_phase_fields_see_a_factor_that_one_side_has():
+    surface = datasets.icosphere(2)
+    costed = with_seam_cost(surface, one_sided(surface, 9.0))
+    assert (costed.seam_costs == 9).all()
+    assert (costed.diffuse_seam_costs == 9).all()
+
+
+def test_an_edge_that_one_side_forbids_is_not_cut_in_silence():
+    surface = datasets.icosphere(1)
+    costed = with_seam_cost(surface, one_sided(surface, np.inf))
+    with pytest.warns(pa.QualityWarning, match="keep: ") as said:
+        atlas = pa.build_atlas(pa.Segmentation(costed, np.zeros(surface.n_faces, dtype=int)))
+    count = np.count_nonzero(uv_seams(surface, atlas.uv)) // 2
+    assert f"keep: {count} edges of regions to keep are cut" in str(said[0].message)
+
+
 def test_a_region_to_keep_has_no_seam():
     surface = datasets.icosphere(4)
     kept = surface.face_mean(np.asarray(surface.vertices))[:, 2] > 0.5

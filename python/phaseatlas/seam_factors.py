@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from .arrays import Floats, Ints
 from .checks import positive
 
-__all__ = ["at_edges", "at_interfaces", "check_factors"]
+__all__ = ["at_edges", "at_interfaces", "check_factors", "of_both_sides"]
 
 
 def at_edges(faces: Ints, of_edges: Floats | None, at_vertices: Floats | None) -> Floats | None:
@@ -57,6 +57,31 @@ def at_interfaces(
         cheapest *= at_vertices
         return cheapest
     return None if (cheapest == 1).all() else cheapest
+
+
+def of_both_sides(faces: Ints, neighbours: Ints, of_edges: Floats) -> Floats:
+    """Give both sides of each edge the larger of their factors.
+
+    Parameters
+    ----------
+    faces : (m, 3) array of int
+        Vertices of the faces, all in one orientation.
+    neighbours : (m, 3) array of int
+        Face across edge (f[k], f[(k + 1) % 3]) of each face f, -1 at the boundary.
+    of_edges : (m, 3) array
+        Factor of the edge from each side.
+
+    Returns
+    -------
+    (m, 3) array
+    """
+    ends = np.roll(faces, -1, axis=1)
+    larger = of_edges.copy()
+    for k in range(3):
+        # The other side of an edge starts where this one ends.
+        across = (neighbours >= 0) & (faces[neighbours, k] == ends)
+        larger[across] = np.maximum(larger[across], of_edges[neighbours[across], k])
+    return larger
 
 
 def check_factors(

@@ -14,7 +14,7 @@ from .arrays import Bools, Floats, Ints
 from .checks import matrix, vector
 from .normals import face_normals, vertex_normals
 from .notebook import Pictured
-from .seam_factors import at_edges, at_interfaces, check_factors
+from .seam_factors import at_edges, at_interfaces, check_factors, of_both_sides
 
 __all__ = ["Surface"]
 
@@ -34,7 +34,8 @@ class Surface(Pictured):
     Attributes
     ----------
     seam_costs : (m, 3) array or None
-        Factor on the length of a seam along each edge, see `with_seam_costs`; None for 1.
+        Factor on the length of a seam along each edge, from both sides the same, see
+        `with_seam_costs`; None for 1.
     vertex_seam_costs : (n,) array or None
         Another factor, linear in each face, at the vertices; None for 1.
 
@@ -60,13 +61,16 @@ class Surface(Pictured):
     ) -> None:
         self.vertices: Floats = matrix("vertices", vertices, np.float64)
         self.faces: Ints = matrix("faces", faces, np.int64)
-        self.seam_costs, self.vertex_seam_costs = costs
+        of_edges, self.vertex_seam_costs = costs
         self._mesh = _core.TriangleMesh(
             self.vertices,
             self.faces,
             accepted=accepted,
             pieces=pieces,
-            seam_costs=self.total_seam_costs,
+            seam_costs=at_edges(self.faces, *costs),
+        )
+        self.seam_costs: Floats | None = (
+            None if of_edges is None else of_both_sides(self.faces, self.face_neighbours, of_edges)
         )
         self.vertices.flags.writeable = False
         self.faces.flags.writeable = False
