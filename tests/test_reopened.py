@@ -50,6 +50,24 @@ def test_an_atlas_comes_back_as_it_was(tmp_path):
     assert again.metrics() == atlas.metrics()
 
 
+def test_an_atlas_of_a_painted_surface_keeps_the_factors(tmp_path):
+    surface = pa.datasets.icosphere(2)
+    rng = np.random.default_rng(0)
+    painted = surface.with_seam_costs(
+        rng.uniform(1, 2, surface.faces.shape), rng.uniform(1, 2, surface.n_vertices)
+    )
+    for name, given in (("both", painted), ("none", surface)):
+        path = tmp_path / f"{name}.npz"
+        pa.build_atlas(pa.partition(given, effort="fast")).save(path)
+        again = made(path, tmp_path / f"{name}.obj")
+        for found in (Atlas.load(path).surface, again.scene, again.atlas.surface):
+            if given is surface:
+                assert found.seam_costs is found.vertex_seam_costs is None
+            else:
+                np.testing.assert_array_equal(found.seam_costs, painted.seam_costs)
+                np.testing.assert_array_equal(found.vertex_seam_costs, painted.vertex_seam_costs)
+
+
 @pytest.mark.parametrize("options", [{}, {"padding": 9, "resolution": 256}, {"texture": "checker"}])
 def test_a_saved_atlas_gives_the_file_that_a_solve_gives(two, tmp_path, options):
     """Names, materials and second copies included."""

@@ -14,6 +14,7 @@ from .scene.document import Document, read_document
 from .scene.mesh import Corners, Mesh
 from .scene.scene import Scene, SceneFile, scene_file, scene_in
 from .scene.sources import LooseSource
+from .seam_costs import cost_arrays, with_costs
 from .segmentation import SceneSegmentation, Segmentation, SegmentTree
 from .surface import Surface
 
@@ -100,7 +101,8 @@ def _of_tree(path: Path, tree: SegmentTree) -> Reopened:
 def _scene_of(surface: Surface) -> Scene:
     if isinstance(surface, Scene):
         return surface
-    return Scene([("", as_it_is(surface.vertices, surface.faces))])
+    scene = Scene([("", as_it_is(surface.vertices, surface.faces))])
+    return with_costs(scene, cost_arrays(surface))
 
 
 def _segmentation(scene: Scene, atlas: Atlas) -> SceneSegmentation:
@@ -132,6 +134,7 @@ def _without_document(
     old = segmentation.surface
     assert isinstance(old, Scene)
     scene = Scene([(mesh.name, without_input(mesh.repaired)) for mesh in old.meshes])
+    scene = with_costs(scene, cost_arrays(old))
     segmentation = SceneSegmentation(scene, segmentation.parts, segmentation.trees)
     meshes = tuple(
         Mesh(

@@ -11,6 +11,7 @@ from ..arrays import Floats, Ints
 from ..saved_arrays import read_arrays, write_arrays
 from ..scene.arrays import scene_arrays, scene_of_arrays
 from ..scene.scene import Scene
+from ..seam_costs import cost_arrays, with_costs
 from ..surface import Surface
 from .charts import Chart, Layout
 
@@ -28,7 +29,7 @@ def save_layout(layout: Layout, path: str | PathLike[str]) -> None:
     arrays: dict[str, Any] = (
         scene_arrays(surface)
         if isinstance(surface, Scene)
-        else {"vertices": surface.vertices, "faces": surface.faces}
+        else {"vertices": surface.vertices, "faces": surface.faces, **cost_arrays(surface)}
     )
     arrays |= {
         "format": FORMAT,
@@ -65,7 +66,7 @@ def layout_of_arrays(arrays: dict[str, Any]) -> Layout:
     surface = (
         scene_of_arrays(arrays)
         if "mesh_names" in arrays
-        else Surface(arrays["vertices"], arrays["faces"])
+        else with_costs(Surface(arrays["vertices"], arrays["faces"]), arrays)
     )
     m = surface.n_faces
     labels: Ints = arrays["labels"]
