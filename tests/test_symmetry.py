@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -114,10 +116,28 @@ def test_charts_come_in_mirrored_pairs(axis):
     assert pa.build_atlas(charts, resolution=256).diagnostics.fatal() == []
 
 
-def test_max_charts_holds_for_both_halves():
-    charts = pa.partition(datasets.torus(1.0, 0.4, 24, 12), symmetry="z", max_charts=4)
-    assert charts.n_segments <= 4
+@pytest.mark.parametrize("most", [1, 3, 4, 6])
+def test_max_charts_holds_for_both_halves(most):
+    torus = datasets.torus(1.0, 0.4, 24, 12)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        charts = pa.partition(torus, symmetry="z", max_charts=most, effort="fast")
     assert charts.n_segments % 2 == 0
+    # What is said is said of both halves, in the number that was given.
+    words = f"max_charts: {most} is exceeded, there are {charts.n_segments} charts"
+    assert [str(w.message) for w in said] == [words] * (charts.n_segments > most)
+    assert charts.n_segments <= max(most, 2)
+
+
+def test_more_pieces_than_max_charts_are_counted_on_both_sides():
+    vertices, faces = doubled(datasets.sheet(4, 3), 2.5)
+    twice = np.concatenate([vertices, vertices + np.array([0.0, 5.0, 0.0])])
+    surface = scene(twice, np.concatenate([faces, faces + len(vertices)]))
+    with pytest.warns(pa.QualityWarning) as said:
+        charts = pa.partition(surface, symmetry="x", max_charts=3, effort="fast")
+    assert charts.n_segments == 4
+    messages = [str(w.message) for w in said]
+    assert messages == ["max_charts: 3 is exceeded, there are 4 charts"]
 
 
 def test_two_pieces_that_are_images_of_each_other():

@@ -8,6 +8,7 @@ in the `partition` module of the core.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from time import perf_counter
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..arrays import Ints
+from ..quality import QualityWarning
 from ..scene.scene import Scene
 from ..seam_costs import with_seam_cost
 from ..segmentation import SceneSegmentation, Segmentation
@@ -26,7 +28,7 @@ from ..surface import Surface
 from .descent import SOLVED, carry, carry_far, descend, repair
 from .levels import Level, levels_of
 from .phases import Labelled, Log, Phase, rating, told
-from .pieces import first_copies, share_bound, warn_of_bounds
+from .pieces import first_copies, share_bound, warn_of_bounds, warn_of_charts
 from .record import Partition, by_area
 from .symmetry import AXES, Axis, mirror, mirrored_labels
 
@@ -172,6 +174,8 @@ def partition(
         return _symmetric(
             surface,
             symmetry,
+            distortion,
+            max_charts,
             lambda half: partition(
                 half,
                 distortion=distortion,
@@ -222,19 +226,30 @@ def partition(
 
 
 def _symmetric(
-    surface: Surface, axis: Axis, partition: Callable[[Scene], SceneSegmentation]
+    surface: Surface,
+    axis: Axis,
+    distortion: float,
+    max_charts: int | None,
+    partition: Callable[[Scene], SceneSegmentation],
 ) -> Partition | SceneSegmentation:
     """Charts of one half of a surface, and their images on the other."""
-    labels = mirrored_labels(surface, mirror(surface, axis), partition)
+    with warnings.catch_warnings():
+        # The bound is on both halves together.
+        warnings.filterwarnings("ignore", "max_charts: ", QualityWarning)
+        labels = mirrored_labels(surface, mirror(surface, axis), partition)
 
     def of_piece(piece: Surface, labels: Ints) -> Partition:
         _, numbers = np.unique(labels, return_inverse=True)
         return Partition(piece, by_area(numbers.reshape(-1), piece))
 
-    if not isinstance(surface, Scene):
-        return of_piece(surface, labels)
-    parts = [of_piece(piece.surface, labels[piece.faces]) for piece in surface.pieces]
-    return SceneSegmentation(surface, parts)
+    found: Partition | SceneSegmentation
+    if isinstance(surface, Scene):
+        parts = [of_piece(piece.surface, labels[piece.faces]) for piece in surface.pieces]
+        found = SceneSegmentation(surface, parts)
+    else:
+        found = of_piece(surface, labels)
+    warn_of_charts(found.n_segments, max_charts)
+    return found
 
 
 def _labelled(

@@ -11,7 +11,7 @@ from ..quality import warn
 from ..surface import Surface
 from .phases import Phase
 
-__all__ = ["first_copies", "share_bound", "warn_of_bounds"]
+__all__ = ["first_copies", "share_bound", "warn_of_bounds", "warn_of_charts"]
 
 # Places along the longest side of a piece, by which copies of it are known.
 _PLACES = 2**14
@@ -59,10 +59,15 @@ def share_bound(counts: Sequence[int], most: int) -> Sequence[int]:
     return bounds
 
 
+def warn_of_charts(n_charts: int, max_charts: int | None) -> None:
+    """Say where there are more charts than asked for."""
+    if max_charts is not None and n_charts > max_charts:
+        warn(f"max_charts: {max_charts} is exceeded, there are {n_charts} charts")
+
+
 def warn_of_bounds(last: Phase, max_distortion: float | None, max_charts: int | None) -> None:
     """Say which bounds are not met, and which charts overlap themselves."""
-    if max_charts is not None and last.n_charts > max_charts:
-        warn(f"max_charts: {max_charts} is exceeded, there are {last.n_charts} charts")
+    warn_of_charts(last.n_charts, max_charts)
     if max_distortion is not None and last.distortion > max_distortion**2:
         warn(
             f"max_distortion: {max_distortion:g} is exceeded, the root mean square log scale is "
