@@ -127,6 +127,17 @@ def test_a_tree_of_a_surface_without_a_file(tmp_path):
     assert made(tmp_path / "t.npz", tmp_path / "c.obj", cut=True).scene.n_faces > surface.n_faces
 
 
+def test_a_tree_of_a_file_keeps_the_factors(tmp_path):
+    pa.save_mesh(pa.datasets.icosphere(2), tmp_path / "a.obj")
+    scene = pa.load_scene(tmp_path / "a.obj")
+    cost = 2 + scene.vertices[:, 2]
+    found = pa.segment(scene, 1, seam_cost=cost, creases=5.0)
+    found.trees[0].save(tmp_path / "t.npz", source=scene.file)
+    again = made(tmp_path / "t.npz", tmp_path / "b.obj").scene
+    np.testing.assert_array_equal(again.seam_costs, found.surface.seam_costs)
+    np.testing.assert_array_equal(again.vertex_seam_costs, cost)
+
+
 def test_what_cannot_be_reopened(two, tmp_path):
     made(two, tmp_path / "a.npz", effort="fast")
     for name, value in (("levels", 2), ("distortion", 300.0), ("weld", 0.1), ("seed", 1)):

@@ -91,6 +91,7 @@ def _of_tree(path: Path, tree: SegmentTree) -> Reopened:
             and np.array_equal(first.faces, tree.surface.faces)
         ):
             raise ValueError(f"{path}: its surface is not that of {document.path}")
+        scene = with_costs(scene, cost_arrays(tree.surface))
         scene.file = file
         return Reopened(document, scene, SceneSegmentation.of_trees(scene, [tree]))
     scene = _scene_of(tree.surface)
