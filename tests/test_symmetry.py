@@ -140,6 +140,23 @@ def test_more_pieces_than_max_charts_are_counted_on_both_sides():
     assert messages == ["max_charts: 3 is exceeded, there are 4 charts"]
 
 
+def test_the_energy_is_that_of_both_halves(tmp_path):
+    torus = datasets.torus(1.0, 0.4, 24, 12)
+    charts = pa.partition(torus, symmetry="z", effort="fast", distortion=500.0)
+    (last,) = charts.diagnostics
+    assert last.n_charts == charts.n_segments
+    corners = torus.vertices[torus.faces]
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    seam = lengths[charts.labels[:, None] != charts.labels[torus.face_neighbours]].sum() / 2
+    assert last.seam == pytest.approx(seam / np.sqrt(torus.area))
+    sum_of_terms = last.seam + last.cuts + 500.0 * last.distortion + 0.1 * last.n_charts
+    assert last.energy == pytest.approx(sum_of_terms)
+    pa.save_mesh(torus, tmp_path / "in.obj")
+    options = pa.AtlasOptions(symmetry="z", effort="fast", distortion=500.0)
+    record = pa.atlas_file(tmp_path / "in.obj", tmp_path / "out.obj", options).record()
+    assert record["energy"]["energy"] == pytest.approx(last.energy, rel=1e-6)
+
+
 def test_two_pieces_that_are_images_of_each_other():
     vertices, faces = doubled(datasets.sheet(8, 6, size=(2.0, 1.0)), 2.5)
     charts = pa.partition(scene(vertices, faces), symmetry="x", effort="fast")

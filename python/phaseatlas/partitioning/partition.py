@@ -148,7 +148,8 @@ def partition(
         Cut the surface along the plane across this axis on whose two sides it is the same, and give
         one half the mirror images of the charts of the other. Polygons across the plane are on one
         side whole; what has no image has charts of its own. `max_charts` is shared out evenly,
-        seams cost what they do on one half, and the diagnostics are none.
+        seams cost what they do on one half, and the diagnostics are the figures of the whole with
+        the weight `distortion`.
 
     Returns
     -------
@@ -233,6 +234,7 @@ def _symmetric(
     partition: Callable[[Scene], SceneSegmentation],
 ) -> Partition | SceneSegmentation:
     """Charts of one half of a surface, and their images on the other."""
+    log = Log([], perf_counter(), None)
     with warnings.catch_warnings():
         # The bound is on both halves together.
         warnings.filterwarnings("ignore", "max_charts: ", QualityWarning)
@@ -240,7 +242,10 @@ def _symmetric(
 
     def of_piece(piece: Surface, labels: Ints) -> Partition:
         _, numbers = np.unique(labels, return_inverse=True)
-        return Partition(piece, by_area(numbers.reshape(-1), piece))
+        core = piece.one_chart(distortion)
+        core.set_labels(numbers.reshape(-1), 0.0)
+        figures = log.note("mirror", piece, core)
+        return Partition(piece, by_area(numbers.reshape(-1), piece), diagnostics=(figures,))
 
     found: Partition | SceneSegmentation
     if isinstance(surface, Scene):

@@ -21,7 +21,8 @@ class Phase:
     Attributes
     ----------
     name : str
-        What was done: "cells", "merge", "relax", "perturb", "refine", "repair".
+        What was done: "cells", "merge", "relax", "perturb", "refine", "repair"; "mirror" where a
+        half has got its mirror image.
     n_faces : int
         Faces of the surface that it was done on; the first phases work on a simplified one.
     energy : float
