@@ -316,6 +316,26 @@ def test_a_region_to_keep_has_no_seam():
         assert len(np.unique(charts.labels[kept])) == 1
 
 
+def test_to_keep_a_region_once_more_changes_nothing():
+    surface = datasets.sheet(8, 6)
+    x = surface.face_mean(np.asarray(surface.vertices))[:, 0]
+    left, right = x < 0.7, x > 0.3
+    cost = np.linspace(1.0, 3.0, surface.n_vertices)
+    for given in (surface, with_seam_cost(surface, cost)):
+        once = with_seam_cost(given, keep=left)
+        twice = with_seam_cost(once, keep=left)
+        np.testing.assert_array_equal(twice.vertex_seam_costs, once.vertex_seam_costs)
+        np.testing.assert_array_equal(twice.seam_costs, once.seam_costs)
+        # Where two regions overlap the factor is there once, and it is that of either elsewhere.
+        both = with_seam_cost(once, keep=right).vertex_seam_costs
+        alone = with_seam_cost(given, keep=right).vertex_seam_costs
+        np.testing.assert_array_equal(both, np.maximum(alone, once.vertex_seam_costs))
+    # A factor that is painted is multiplied in any order.
+    one = with_seam_cost(with_seam_cost(surface, 30 * cost), keep=left)
+    other = with_seam_cost(with_seam_cost(surface, keep=left), 30 * cost)
+    np.testing.assert_allclose(one.vertex_seam_costs, other.vertex_seam_costs)
+
+
 def test_a_region_that_is_closed_is_cut_and_said_to_be():
     surface = datasets.icosphere(2)
     with pytest.warns(pa.QualityWarning, match=r"keep: \d+ edges of regions to keep are cut"):

@@ -146,6 +146,14 @@ def test_regions_by_name_and_by_number(tmp_path):
         assert np.isinf(scene_with(glb, keep=(region,)).seam_costs).all()
 
 
+def test_regions_that_overlap_have_the_factor_once(tmp_path):
+    path = tmp_path / "ball.ply"
+    height = ball().face_mean(ball().vertices)[:, 2]
+    write_ply(path, face_lid=height > 0.2, face_cap=height > 0.5, face_band=abs(height) < 0.6)
+    scene = scene_with(path, keep=("lid", "cap", "band"))
+    assert set(np.unique(scene.vertex_seam_costs)) == {1.0, 20.0}
+
+
 def equator():
     surface = ball()
     upper = surface.face_mean(surface.vertices)[:, 2] > 0

@@ -46,7 +46,8 @@ def with_seam_cost(
         along edge (f[k], f[(k + 1) % 3]) of each face f, of whose two values the larger counts.
         An edge may have an infinite factor, and no seam then runs along it.
     keep : (m,) array_like of bool, or (k,) array_like of int, optional
-        Faces that no seam separates where they are neighbours, as a mask or by their numbers.
+        Faces that no seam separates where they are neighbours, as a mask or by their numbers. To
+        keep them once more changes nothing.
     creases : float, optional
         Edges whose faces turn by more than this angle, in degrees, cost a fifth.
 
@@ -80,6 +81,7 @@ def with_seam_cost(
         of_edges = np.where(inside, np.inf, of_edges)
         around = np.ones(surface.n_vertices, dtype=np.bool_)
         around[surface.faces[~kept]] = False
+        around &= ~_kept_before(surface)
         if around.any():
             factor = np.where(around, _KEPT, 1.0)
             at_vertices = factor if at_vertices is None else at_vertices * factor
@@ -159,6 +161,19 @@ def _checked(surface: Surface, seam_cost: ArrayLike) -> Floats:
             f"{_LEAST:g} to {_MOST:g}"
         )
     return costs
+
+
+def _kept_before(surface: Surface) -> Bools:
+    """Whether a vertex has the factor of a region to keep, (n,): no inner edge there is open."""
+    before = np.zeros(surface.n_vertices, dtype=np.bool_)
+    if surface.seam_costs is None or surface.vertex_seam_costs is None:
+        return before
+    # A vertex at a corner may have no inner edge but a diagonal, and is told by its factor.
+    before[surface.vertex_seam_costs >= _KEPT] = True
+    open_edges = np.isfinite(surface.seam_costs) & (surface.face_neighbours >= 0)
+    for k in (0, 1):
+        before[np.roll(surface.faces, -k, axis=1)[open_edges]] = False
+    return before
 
 
 def _on_crease(surface: Surface, angle: float) -> Bools:
