@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from PIL import Image
 
 import phaseatlas as pa
 from phaseatlas import _core
+from phaseatlas.atlas.charts import Chart, Layout
 from phaseatlas.atlas.overlap import injective, pack_domains
 
 ROOT = Path(__file__).parents[1]
@@ -124,6 +126,42 @@ def test_what_overlaps_is_left_out_and_no_more(atlas):
         # Every face has a weight in its own chart.
         own_weights = chart.weights[chart.triangles[chart.labelled]]
         assert (own_weights.max(axis=1) > 0).all()
+
+
+def test_many_charts_take_no_array_of_charts_times_vertices():
+    sheet = pa.datasets.sheet(200, 100)
+    x, y, _ = sheet.vertices[sheet.faces].mean(axis=1).T
+    labels = (10 * (10 * x).astype(int) + 10 * y).astype(int)
+    charts = []
+    for label in range(100):
+        faces = np.flatnonzero(labels == label)
+        vertices, triangles = np.unique(sheet.faces[faces], return_inverse=True)
+        charts.append(
+            Chart(
+                segment=label,
+                faces=faces,
+                labelled=np.ones(len(faces), dtype=bool),
+                vertices=vertices,
+                triangles=triangles.reshape(-1, 3),
+                uv=sheet.vertices[vertices, :2],
+                weights=np.ones(len(vertices)),
+                log_scale=np.zeros(len(vertices)),
+            )
+        )
+    m = sheet.n_faces
+    corners = sheet.vertices[sheet.faces][..., :2]
+    pages, stack = np.zeros(100, dtype=int), np.full((m, 3), -1)
+    layout = Layout(sheet, labels, tuple(charts), corners, pages, 1024, stack)
+    tracemalloc.start()
+    found = injective(layout)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 4 * len(charts) * sheet.n_vertices
+    # Each vertex is shared out evenly among the charts that have it.
+    count = np.bincount(np.concatenate([chart.vertices for chart in charts]))
+    for chart, given in zip(found, charts, strict=True):
+        assert np.array_equal(chart.faces, given.faces)
+        np.testing.assert_array_equal(chart.weights, 1 / count[chart.vertices])
 
 
 def test_some_domains_overlap_themselves(star):

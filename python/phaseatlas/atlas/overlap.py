@@ -42,14 +42,20 @@ def injective(layout: Layout, *, resolution: int = 1024) -> list[Chart]:
         Side in texels of the texture that is meant.
     """
     n = layout.surface.n_vertices
-    charts, weights = [], np.zeros((len(layout.charts), n))
-    labelled = np.zeros(weights.shape, dtype=np.bool_)
-    for k, chart in enumerate(layout.charts):
+    charts, places, weights, labelled = [], [], [], []
+    for chart in layout.charts:
         kept = _kept(chart, max(resolution, _TEXELS))
-        weights[k, chart.vertices] = chart.weights
-        at_edge = chart.vertices[chart.triangles[~kept]]
-        labelled[k, chart.vertices[chart.triangles[chart.labelled]]] = True
-        weights[k, at_edge] *= labelled[k, at_edge]
+        # A vertex on a cut is there once a side, with one weight.
+        vertices, number = np.unique(chart.vertices, return_inverse=True)
+        weight = np.zeros(len(vertices))
+        weight[number] = chart.weights
+        own = np.zeros(len(vertices), dtype=np.bool_)
+        own[number[chart.triangles[chart.labelled]]] = True
+        at_edge = number[chart.triangles[~kept]]
+        weight[at_edge] *= own[at_edge]
+        places.append(vertices)
+        weights.append(weight)
+        labelled.append(own)
         used, triangles = np.unique(chart.triangles[kept], return_inverse=True)
         charts.append(
             replace(
@@ -62,12 +68,14 @@ def injective(layout: Layout, *, resolution: int = 1024) -> list[Chart]:
                 log_scale=chart.log_scale[used],
             )
         )
-    bare = weights.sum(axis=0) == 0
-    weights[:, bare] = labelled[:, bare]
-    weights /= weights.sum(axis=0)
+    place, weight = np.concatenate(places), np.concatenate(weights)
+    bare = np.bincount(place, weight, n)[place] == 0
+    weight = np.where(bare, np.concatenate(labelled), weight)
+    weight /= np.bincount(place, weight, n)[place]
+    of_charts = np.split(weight, np.cumsum([len(vertices) for vertices in places])[:-1])
     return [
-        replace(chart, weights=weight[chart.vertices])
-        for chart, weight in zip(charts, weights, strict=True)
+        replace(chart, weights=own[np.searchsorted(vertices, chart.vertices)])
+        for chart, own, vertices in zip(charts, of_charts, places, strict=True)
     ]
 
 
