@@ -40,10 +40,8 @@ class Mirror:
 
     Attributes
     ----------
-    axis : {"x", "y", "z"}
-        Direction across the plane.
     offset : float
-        Coordinate of the plane on the axis.
+        Coordinate of the plane on the axis across it.
     unit : (m,) array of int
         Polygon of each face; a face by itself is one.
     partner : (u,) array of int
@@ -56,7 +54,6 @@ class Mirror:
         A vertex at the place of the image of each, the same for all at that place; -1 for none.
     """
 
-    axis: Axis
     offset: float
     unit: Ints
     partner: Ints
@@ -105,7 +102,7 @@ def mirror(surface: Surface, axis: Axis) -> Mirror:
         )
     beyond = centres[:, along] - centres[partner, along]
     kept = (partner < 0) | (beyond > 0) | ((beyond == 0) & (np.arange(count) <= partner))
-    return Mirror(axis, offset, unit, partner, kept, share, image)
+    return Mirror(offset, unit, partner, kept, share, image)
 
 
 def _plane(surface: Surface, along: int) -> tuple[float, Ints]:
