@@ -8,7 +8,6 @@ in the `partition` module of the core.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from time import perf_counter
@@ -19,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..arrays import Ints
-from ..quality import QualityWarning
 from ..scene.scene import Scene
 from ..seam_costs import with_seam_cost
 from ..segmentation import SceneSegmentation, Segmentation
@@ -28,9 +26,9 @@ from ..surface import Surface
 from .descent import SOLVED, carry, carry_far, descend, repair
 from .levels import Level, levels_of
 from .phases import Labelled, Log, Phase, rating, told
-from .pieces import first_copies, share_bound, warn_of_bounds, warn_of_charts
+from .pieces import first_copies, share_bound, warn_of_bounds
 from .record import Partition, by_area
-from .symmetry import AXES, Axis, mirror, mirrored_labels
+from .symmetry import AXES, Axis, mirrored
 
 __all__ = ["Effort", "Partition", "Phase", "check_options", "partition"]
 
@@ -172,7 +170,7 @@ def partition(
     check_options(distortion, max_distortion, max_charts, effort, seed, symmetry)
     surface = with_seam_cost(surface, seam_cost, keep=keep, creases=creases)
     if symmetry is not None:
-        return _symmetric(
+        return mirrored(
             surface,
             symmetry,
             distortion,
@@ -224,37 +222,6 @@ def partition(
         fewer = iter(of_pieces([surfaces[k] for k in again], [bounds[k] for k in again]))
         parts = [next(fewer) if k in again else part for k, part in enumerate(parts)]
     return SceneSegmentation(surface, parts)
-
-
-def _symmetric(
-    surface: Surface,
-    axis: Axis,
-    distortion: float,
-    max_charts: int | None,
-    partition: Callable[[Scene], SceneSegmentation],
-) -> Partition | SceneSegmentation:
-    """Charts of one half of a surface, and their images on the other."""
-    log = Log([], perf_counter(), None)
-    with warnings.catch_warnings():
-        # The bound is on both halves together.
-        warnings.filterwarnings("ignore", "max_charts: ", QualityWarning)
-        labels = mirrored_labels(surface, mirror(surface, axis), partition)
-
-    def of_piece(piece: Surface, labels: Ints) -> Partition:
-        _, numbers = np.unique(labels, return_inverse=True)
-        core = piece.one_chart(distortion)
-        core.set_labels(numbers.reshape(-1), 0.0)
-        figures = log.note("mirror", piece, core)
-        return Partition(piece, by_area(numbers.reshape(-1), piece), diagnostics=(figures,))
-
-    found: Partition | SceneSegmentation
-    if isinstance(surface, Scene):
-        parts = [of_piece(piece.surface, labels[piece.faces]) for piece in surface.pieces]
-        found = SceneSegmentation(surface, parts)
-    else:
-        found = of_piece(surface, labels)
-    warn_of_charts(found.n_segments, max_charts)
-    return found
 
 
 def _labelled(

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import Literal, get_args
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Floats, Ints
+from ..quality import QualityWarning
 from ..scene.repair import repair
 from ..scene.scene import Scene
-from ..segmentation import Segmentation
+from ..segmentation import SceneSegmentation, Segmentation
 from ..surface import Surface
+from .phases import Log
+from .pieces import warn_of_charts
+from .record import Partition, by_area
 
-__all__ = ["AXES", "Axis", "Mirror", "mirror", "mirrored_labels", "stacked_corners"]
+__all__ = ["AXES", "Axis", "Mirror", "mirror", "mirrored", "mirrored_labels", "stacked_corners"]
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
@@ -271,6 +277,59 @@ def _partners(centres: Floats, normals: Floats, sizes: Floats, along: int, offse
     partner: Ints = np.where(fits.any(axis=1), first, -1).astype(np.int64)
     mutual = (partner >= 0) & (partner[partner] == np.arange(len(partner)))
     return np.where(mutual, partner, -1)
+
+
+def mirrored(
+    surface: Surface,
+    axis: Axis,
+    distortion: float,
+    max_charts: int | None,
+    partition: Callable[[Scene], SceneSegmentation],
+) -> Partition | SceneSegmentation:
+    """Charts of one half of a surface, and their images on the other.
+
+    Parameters
+    ----------
+    surface : Surface or Scene
+    axis : {"x", "y", "z"}
+    distortion : float
+        Weight with which the figures of the whole are told.
+    max_charts : int or None
+        Bound on the charts of both halves.
+    partition : callable
+        What finds the charts of one half, a scene.
+
+    Raises
+    ------
+    ValueError
+        As `mirror`.
+
+    Warns
+    -----
+    QualityWarning
+        Where `max_charts` is exceeded.
+    """
+    log = Log([], perf_counter(), None)
+    with warnings.catch_warnings():
+        # The bound is on both halves together.
+        warnings.filterwarnings("ignore", "max_charts: ", QualityWarning)
+        labels = mirrored_labels(surface, mirror(surface, axis), partition)
+
+    def of_piece(piece: Surface, labels: Ints) -> Partition:
+        _, numbers = np.unique(labels, return_inverse=True)
+        core = piece.one_chart(distortion)
+        core.set_labels(numbers.reshape(-1), 0.0)
+        figures = log.note("mirror", piece, core)
+        return Partition(piece, by_area(numbers.reshape(-1), piece), diagnostics=(figures,))
+
+    found: Partition | SceneSegmentation
+    if isinstance(surface, Scene):
+        parts = [of_piece(piece.surface, labels[piece.faces]) for piece in surface.pieces]
+        found = SceneSegmentation(surface, parts)
+    else:
+        found = of_piece(surface, labels)
+    warn_of_charts(found.n_segments, max_charts)
+    return found
 
 
 def mirrored_labels(
