@@ -207,6 +207,12 @@ def test_a_worker_that_dies_fails_its_call_alone():
         assert after.result() == 8
 
 
+def test_workers_start_whatever_the_path_of_modules_holds(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [tmp_path, *sys.path, None])
+    with Workers(1) as workers:
+        assert workers.submit(pow, 2, 3).result() == 8
+
+
 def test_a_call_that_takes_too_long_is_ended():
     with Workers(1, timeout=0.2) as workers:
         late = workers.submit(time.sleep, 600)
