@@ -193,6 +193,13 @@ def test_buttons_of_each_kind(tree, atlas, tmp_path):
     assert names(html_of(sharp)) == ["checker", "charts", "stretch", "density"]
 
 
+def test_what_was_unwrapped_has_the_page_of_its_atlas(tree):
+    made = pa.unwrap(tree.surface, levels=1, pages=2, effort="fast")
+    options = {"image": [TWO[:, :32], TWO[:, 32:]], "of": tree}
+    assert made.atlas.n_pages == 2
+    assert html_of(made, **options) == html_of(made.atlas, **options)
+
+
 def test_levels_of_a_tree_are_those_of_its_labels(tree, atlas):
     shown = subject(tree)
     np.testing.assert_array_equal(shown.levels[0][shown.chart], tree.labels_at(1))

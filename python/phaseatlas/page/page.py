@@ -22,6 +22,7 @@ from ..atlas.metrics import uv_topology
 from ..files import write_bytes
 from ..meanings import METRICS, SEGMENTS, SURFACE
 from ..plot.render import camera
+from ..unwrapping import Unwrapped
 from .drawing import drawing, outlines
 from .looks import Measured, looks, measured, text
 from .subject import Picture, Subject, subject
@@ -77,6 +78,7 @@ def html_of(
     of : SegmentTree or SceneSegmentation, optional
         What an atlas was made of, to show the levels of its tree.
     """
+    thing = thing.atlas if isinstance(thing, Unwrapped) else thing
     shown = thing if isinstance(thing, Subject) else subject(thing)
     if image is not None:
         images = [image] if isinstance(image, np.ndarray) else list(image)
