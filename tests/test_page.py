@@ -316,6 +316,16 @@ def test_notebooks_show_a_frame_of_what_is_not_too_large(tree, atlas):
     assert as_frame(datasets.icosphere(7)) is None
 
 
+def test_what_is_too_large_for_a_frame_is_not_gathered():
+    class Weighed(pa.Segmentation):
+        def weight(self, segment):
+            pytest.fail(f"segment {segment} weighed in vain")
+
+    sphere = datasets.icosphere(7)
+    labels = (sphere.vertices[sphere.faces].mean(axis=1)[:, 2] > 0).astype(np.int64)
+    assert as_frame(Weighed(sphere, labels)) is None
+
+
 def test_reprs_say_what_a_thing_is_in_two_lines(tree, atlas):
     scene = pa.unwrap(tree.surface.vertices, tree.surface.faces).atlas
     partition = pa.Partition(tree.surface, tree.labels)

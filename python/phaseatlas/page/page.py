@@ -22,6 +22,7 @@ from ..atlas.metrics import uv_topology
 from ..files import write_bytes
 from ..meanings import METRICS, SEGMENTS, SURFACE
 from ..plot.render import camera
+from ..surface import Surface
 from ..unwrapping import Unwrapped
 from .drawing import drawing, outlines
 from .looks import Measured, looks, measured, text
@@ -99,10 +100,12 @@ def _with_levels(shown: Subject, atlas: Any, of: object) -> Subject:
 
 def as_frame(thing: object) -> str | None:
     """Return a page as a frame for a notebook; None where there are too many faces for it."""
-    shown = subject(thing)
-    if shown.surface.n_faces > _FRAME_FACES:
+    of = thing.atlas if isinstance(thing, Unwrapped) else thing
+    # What is large is not gathered first.
+    surface = of if isinstance(of, Surface) else getattr(of, "surface", None)
+    if surface is not None and surface.n_faces > _FRAME_FACES:
         return None
-    escaped = html.escape(html_of(shown, title=type(thing).__name__), quote=True)
+    escaped = html.escape(html_of(of, title=type(thing).__name__), quote=True)
     return (
         f'<iframe srcdoc="{escaped}" title="phaseatlas" style="width: 100%; height: {_FRAME}px; '
         'border: 0"></iframe>'
