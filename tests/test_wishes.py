@@ -179,6 +179,8 @@ def test_edges_by_number_and_by_place(tmp_path):
         ("f.obj", "v 0 0 0\nv 1 0 0\nl 1 2\n", r"f\.obj: no vertex is where its vertex 1 is$"),
         ("g.obj", "v 0 0 0\n", r"g\.obj must have lines, elements l$"),
         ("h.obj", "v 0 0 0\nl 1 9\n", r"h\.obj, line 2: cannot be read$"),
+        ("i.obj", "v 0 0 0\nv 0 0\nl 1 2\n", r"i\.obj, line 2: cannot be read$"),
+        ("j.obj", "v nan 0 0\nv 0 0 1\nl 1 2\n", r"j\.obj, line 1: cannot be read$"),
     ],
 )
 def test_bad_lists_of_edges_are_one_line(tmp_path, name, content, message):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -262,7 +263,10 @@ def _drawn_edges(scene: Scene, path: Path) -> Bools:
         parts = words.partition("#")[0].split()
         try:
             if parts[:1] == ["v"]:
-                places.append([float(word) for word in parts[1:4]])
+                place = [float(word) for word in parts[1:4]]
+                if len(place) < 3 or not all(map(math.isfinite, place)):
+                    raise ValueError
+                places.append(place)
             elif parts[:1] == ["l"]:
                 listed = [int(word.partition("/")[0]) for word in parts[1:]]
                 numbers = [n - 1 if n > 0 else len(places) + n for n in listed]
