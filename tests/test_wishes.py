@@ -236,3 +236,15 @@ def test_a_tree_file_keeps_the_factors(tmp_path):
     again = pa.SegmentTree.load(tmp_path / "tree.npz").surface
     np.testing.assert_array_equal(again.vertex_seam_costs, cost)
     np.testing.assert_array_equal(again.seam_costs, tree.surface.seam_costs)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"), [("l 1 162", "1 and 162"), ("l -162/7 -1", "-162 and -1")]
+)
+def test_vertices_that_no_edge_joins_are_named_as_they_are_written(tmp_path, line, words):
+    path, file = tmp_path / "ball.ply", tmp_path / "drawn.obj"
+    write_ply(path)
+    rows = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in ball().vertices]
+    file.write_text("\n".join([*rows, line]))
+    with pytest.raises(ValueError, match=rf"drawn\.obj, line 163: no edge joins {words}$"):
+        scene_with(path, seams=file)
