@@ -121,6 +121,14 @@ def test_what_cannot_be_reopened(two, tmp_path):
         "uv": (arrays["uv"][1:], "no atlas: uv: shape"),
         "chart_faces": (arrays["chart_faces"] + 1, "no atlas: chart_faces: must be"),
         "chart_labelled": (~arrays["chart_labelled"], "no atlas: chart_labelled: every face"),
+        "chart_weights": (arrays["chart_weights"][1:], "no atlas: chart_weights: shape"),
+        "chart_triangles": (
+            # Vertices of all charts, but not of their own.
+            arrays["chart_triangles"] + arrays["chart_n_vertices"][0],
+            "no atlas: chart_triangles: must be",
+        ),
+        "pages": (arrays["pages"] + 0.5, "no atlas: pages: must be"),
+        "stack": (arrays["stack"] + 0.5, "no atlas: stack: must be"),
     }
     for name, (value, words) in wrong.items():
         np.savez(tmp_path / "w.npz", **{**arrays, name: value})
