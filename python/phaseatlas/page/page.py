@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import json
 import math
@@ -139,13 +138,13 @@ def _assembled(shown: Subject, title: str) -> str:
     towards = camera(surface, None)[2]
     data = {
         "noun": shown.noun,
-        "model": base64.b64encode(drawn.glb()).decode(),
+        "model": text(drawn.glb()),
         "chart": text(drawn.chart[drawn.kept].astype(np.uint32)),
         "charts": _charts(shown, rated),
         "layout": layout,
         "pictures": [
             {
-                "data": picture.data and f"data:image/jpeg;base64,{_text(picture.data)}",
+                "data": picture.data and f"data:image/jpeg;base64,{text(picture.data)}",
                 "colour": picture.colour,
             }
             for picture in shown.pictures
@@ -231,10 +230,6 @@ def _finite(metrics: dict[str, float]) -> dict[str, float | None]:
 def _json(value: Any) -> str:
     """JSON that ends no script."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def _text(data: bytes) -> str:
-    return base64.b64encode(data).decode()
 
 
 def _read(name: str) -> str:
