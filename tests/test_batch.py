@@ -165,15 +165,25 @@ def test_options_that_cannot_be_used(models, tmp_path, options, message):
 
 def test_a_part_of_a_line_is_left_out(tmp_path):
     manifest = Manifest(tmp_path)
-    manifest.append({"output": "a", "n": 1})
-    manifest.append({"output": "b"})
-    manifest.append({"output": "a", "n": 2})
+    manifest.append({"input": "x", "output": "a", "n": 1})
+    manifest.append({"input": "y", "output": "b"})
+    manifest.append({"input": "x", "output": "a", "n": 2})
     with manifest.path.open("ab") as file:
         file.write(b'{"output": "c", "n')
-    assert manifest.read() == [{"output": "b"}, {"output": "a", "n": 2}]
-    manifest.path.write_bytes(b'{"output": "c", "n\n{"output": "d"}\n')
-    with pytest.raises(ValueError, match=r"manifest.jsonl: line 1 is no record"):
-        manifest.read()
+    assert manifest.read() == [
+        {"input": "y", "output": "b"},
+        {"input": "x", "output": "a", "n": 2},
+    ]
+
+
+@pytest.mark.parametrize("line", ['{"output": "c", "n', '{"output": "c"}', '{"input": "x"}', "[1]"])
+def test_a_line_that_is_no_record_is_named(models, tmp_path, line):
+    manifest = Manifest(tmp_path)
+    manifest.append({"input": "x", "output": "a"})
+    with manifest.path.open("a") as file:
+        file.write(f'{line}\n{{"input": "y", "output": "d"}}\n')
+    with pytest.raises(ValueError, match=r"manifest.jsonl: line 2 is no record"):
+        pa.batch(models, tmp_path, resume=True)
 
 
 def test_two_batches_do_not_share_a_folder(models, tmp_path):
@@ -205,6 +215,12 @@ def test_a_worker_that_dies_fails_its_call_alone():
         with pytest.raises(WorkerDiedError, match=r"^worker ended with code 7$"):
             ended.result()
         assert after.result() == 8
+
+
+def test_workers_start_whatever_the_path_of_modules_holds(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [tmp_path, *sys.path, None])
+    with Workers(1) as workers:
+        assert workers.submit(pow, 2, 3).result() == 8
 
 
 def test_a_call_that_takes_too_long_is_ended():

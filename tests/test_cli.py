@@ -120,7 +120,8 @@ def test_faces_without_any_area_have_texture_coordinates(tmp_path):
     assert "note: no face has an area: all texture coordinates are 0" in result.stdout
     lines = (tmp_path / "out.obj").read_text().splitlines()
     assert lines[-2:] == ["f 1/1 1/1 2/1", "f 2/1 3/1 2/1"]
-    for command, suffix in (("segment", "npz"), ("info", None)):
+    refused = [("segment", "npz"), ("info", None), ("atlas", "npz"), ("atlas", "html")]
+    for command, suffix in refused:
         output = ["-o", tmp_path / f"a.{suffix}"] if suffix else []
         line = failure(run(command, mesh, *output), 1)
         assert line == f"{mesh}: faces: no face has an area"

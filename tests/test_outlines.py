@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import phaseatlas as pa
+from phaseatlas.atlas.chains import chains
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -292,3 +293,11 @@ def test_command_line(tmp_path):
     assert pieces
     assert strokes
     assert "is 1 cm." in drawing.read_text()
+
+
+def test_members_of_rings_and_chains_are_in_order():
+    # A ring 0, 3, 1; a chain 5, 2, 4; and one member alone.
+    following = np.array([3, 0, 4, 1, -1, 2, -1])
+    found = [each.tolist() for each in chains(following)]
+    assert found == [[0, 3, 1], [5, 2, 4], [6]]
+    assert chains(np.zeros(0, dtype=np.int64)) == []

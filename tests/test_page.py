@@ -193,6 +193,13 @@ def test_buttons_of_each_kind(tree, atlas, tmp_path):
     assert names(html_of(sharp)) == ["checker", "charts", "stretch", "density"]
 
 
+def test_what_was_unwrapped_has_the_page_of_its_atlas(tree):
+    made = pa.unwrap(tree.surface, levels=1, pages=2, effort="fast")
+    options = {"image": [TWO[:, :32], TWO[:, 32:]], "of": tree}
+    assert made.atlas.n_pages == 2
+    assert html_of(made, **options) == html_of(made.atlas, **options)
+
+
 def test_levels_of_a_tree_are_those_of_its_labels(tree, atlas):
     shown = subject(tree)
     np.testing.assert_array_equal(shown.levels[0][shown.chart], tree.labels_at(1))
@@ -307,6 +314,16 @@ def test_notebooks_show_a_frame_of_what_is_not_too_large(tree, atlas):
     for thing in (tree.surface, tree, tree.at(1), atlas):
         assert thing._repr_html_().startswith("<iframe srcdoc=")
     assert as_frame(datasets.icosphere(7)) is None
+
+
+def test_what_is_too_large_for_a_frame_is_not_gathered():
+    class Weighed(pa.Segmentation):
+        def weight(self, segment):
+            pytest.fail(f"segment {segment} weighed in vain")
+
+    sphere = datasets.icosphere(7)
+    labels = (sphere.vertices[sphere.faces].mean(axis=1)[:, 2] > 0).astype(np.int64)
+    assert as_frame(Weighed(sphere, labels)) is None
 
 
 def test_reprs_say_what_a_thing_is_in_two_lines(tree, atlas):

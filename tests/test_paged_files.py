@@ -10,6 +10,7 @@ from PIL import Image
 
 import gltf_samples
 from phaseatlas.scene.document import read_document
+from phaseatlas.scene.gltf_slots import indices
 from phaseatlas.scene.mesh import Corners
 from phaseatlas.scene.paged import Pages
 from phaseatlas.scene.sources import as_ply
@@ -211,3 +212,10 @@ def test_tiles_are_pictures_beside_the_file(tmp_path, pages, suffix):
     else:
         assert any("glTF has no UDIM tiles" in note for note in notes)
         assert all(material.texture is None for material in again.materials)
+
+
+@pytest.mark.parametrize(("most", "size"), [(65534, 2), (65535, 4)])
+def test_indices_of_two_bytes_are_none_that_restarts_a_strip(most, size):
+    made = indices(np.array([[0, 1, most]]))
+    assert made.values.dtype.itemsize == size
+    assert made.values.reshape(-1).tolist() == [0, 1, most]

@@ -146,10 +146,18 @@ def test_what_cannot_be_reopened(two, tmp_path):
     with np.load(tmp_path / "a.npz") as file:
         arrays = dict(file)
     wrong = {
-        "format": (4, "format 4 is newer than 3"),
+        "format": (4, "format 4 is not known"),
         "uv": (arrays["uv"][1:], "no atlas: uv: shape"),
         "chart_faces": (arrays["chart_faces"] + 1, "no atlas: chart_faces: must be"),
         "chart_labelled": (~arrays["chart_labelled"], "no atlas: chart_labelled: every face"),
+        "chart_weights": (arrays["chart_weights"][1:], "no atlas: chart_weights: shape"),
+        "chart_triangles": (
+            # Vertices of all charts, but not of their own.
+            arrays["chart_triangles"] + arrays["chart_n_vertices"][0],
+            "no atlas: chart_triangles: must be",
+        ),
+        "pages": (arrays["pages"] + 0.5, "no atlas: pages: must be"),
+        "stack": (arrays["stack"] + 0.5, "no atlas: stack: must be"),
     }
     for name, (value, words) in wrong.items():
         np.savez(tmp_path / "w.npz", **{**arrays, name: value})

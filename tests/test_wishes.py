@@ -187,6 +187,8 @@ def test_edges_by_number_and_by_place(tmp_path):
         ("f.obj", "v 0 0 0\nv 1 0 0\nl 1 2\n", r"f\.obj: no vertex is where its vertex 1 is$"),
         ("g.obj", "v 0 0 0\n", r"g\.obj must have lines, elements l$"),
         ("h.obj", "v 0 0 0\nl 1 9\n", r"h\.obj, line 2: cannot be read$"),
+        ("i.obj", "v 0 0 0\nv 0 0\nl 1 2\n", r"i\.obj, line 2: cannot be read$"),
+        ("j.obj", "v nan 0 0\nv 0 0 1\nl 1 2\n", r"j\.obj, line 1: cannot be read$"),
     ],
 )
 def test_bad_lists_of_edges_are_one_line(tmp_path, name, content, message):
@@ -242,3 +244,15 @@ def test_a_tree_file_keeps_the_factors(tmp_path):
     again = pa.SegmentTree.load(tmp_path / "tree.npz").surface
     np.testing.assert_array_equal(again.vertex_seam_costs, cost)
     np.testing.assert_array_equal(again.seam_costs, tree.surface.seam_costs)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"), [("l 1 162", "1 and 162"), ("l -162/7 -1", "-162 and -1")]
+)
+def test_vertices_that_no_edge_joins_are_named_as_they_are_written(tmp_path, line, words):
+    path, file = tmp_path / "ball.ply", tmp_path / "drawn.obj"
+    write_ply(path)
+    rows = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in ball().vertices]
+    file.write_text("\n".join([*rows, line]))
+    with pytest.raises(ValueError, match=rf"drawn\.obj, line 163: no edge joins {words}$"):
+        scene_with(path, seams=file)

@@ -34,6 +34,7 @@ from .segmentation.segment import segment
 __all__ = ["CHECKER", "AtlasOptions", "FileAtlas", "atlas_file"]
 
 _PAGE = ".html"
+_SAVED = ".npz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +186,8 @@ def atlas_file(
     """
     source, output = Path(source), Path(output)
     options = AtlasOptions() if options is None else options
-    check_suffix(source, output, ".npz", _PAGE)
-    if output.suffix.lower() == ".npz":
+    check_suffix(source, output, _SAVED, _PAGE)
+    if output.suffix.lower() == _SAVED:
         check_saved(options)
     _check_kept([output], source, options)
     start = time.perf_counter()
@@ -207,7 +208,7 @@ def _made(
     picture = read_texture(options.texture)
     result = FileAtlas(source, output, options, None, None, None)
     found: Reopened | FileAtlas
-    if source.suffix.lower() == ".npz":
+    if source.suffix.lower() == _SAVED:
         check_solved(options)
         found = reopen(source)
     else:
@@ -224,7 +225,7 @@ def _made(
         )
         found = Reopened(document, scene, segmentation, None, found.notes)
     # What is saved may get a texture later.
-    saved, page = output.suffix.lower() == ".npz", output.suffix.lower() == _PAGE
+    saved, page = output.suffix.lower() == _SAVED, output.suffix.lower() == _PAGE
     overlap = saved or page or options.texture is not None
     overlap = overlap or options.charts is not None
     scene, atlas = found.scene, _laid_out(found, options, overlap)
@@ -280,7 +281,8 @@ def _solved(
     try:
         scene = scene_in(document, weld=options.weld, whole=not options.cut)
     except NoAreaError:
-        if result.output.suffix.lower() == _PAGE:
+        # What has no layout has neither a page nor an atlas to be saved.
+        if result.output.suffix.lower() in (_PAGE, _SAVED):
             raise
         if options.weld > 0:
             raise ValueError(f"weld: {options.weld:g} leaves no face with an area") from None

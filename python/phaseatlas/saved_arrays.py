@@ -60,7 +60,7 @@ def read_arrays(
         raise ValueError(f"{path}: no {kind}: {reason}") from error
     if found in _READERS:
         raise ValueError(f"{path}: format {found} is what {_READERS[found]}.load reads")
-    raise ValueError(f"{path}: format {found} is newer than {max(_READERS)}")
+    raise ValueError(f"{path}: format {found} is not known")
 
 
 def format_of(path: Path) -> int:
@@ -72,7 +72,7 @@ def format_of(path: Path) -> int:
     except Exception as error:
         raise ValueError(f"{path}: neither segments nor an atlas") from error
     if found not in _READERS:
-        raise ValueError(f"{path}: format {found} is newer than {max(_READERS)}")
+        raise ValueError(f"{path}: format {found} is not known")
     return found
 
 

@@ -12,6 +12,7 @@ from PIL import Image
 
 from .. import _core
 from ..arrays import Bytes, Floats, Ints
+from ..scene.picture import MOST_16_BIT, grey_values
 from .charts import Layout
 
 #: An image (H, W, c) of bytes, of 16 bits or of floats in [0, 1], its first row at v = 1, or a
@@ -22,9 +23,6 @@ Texture = NDArray[Any] | Callable[[Floats], Floats]
 # reach of its gutters, Pillow's copy (four bytes), the compressed data (three at most) and the file
 # around it. Measured, 8192 texels a side and their GLB file take 12.
 _BYTES_PER_TEXEL = _core.BYTES_PER_TEXEL + 9
-# Largest values of images of integers.
-_MOST_16_BIT = 2**16 - 1
-_MOST_32_BIT = 2**31 - 1
 # And besides: a tile in work with the places and values of a function there.
 _WORKING_BYTES = 128 * 2**20
 
@@ -88,12 +86,9 @@ def load_image(path: str | PathLike[str]) -> Bytes:
         If an image of floats has values outside [0, 1].
     """
     with Image.open(path) as image:
-        if image.mode[0] not in "IF":
+        grey = grey_values(image)
+        if grey is None:
             return np.asarray(image.convert("RGB"), dtype=np.uint8)
-        # Pillow cuts values of 16 bits and floats off at 255 instead of scaling them.
-        grey = np.asarray(image, dtype=np.float64)
-    if image.mode != "F":
-        grey = grey / (_MOST_16_BIT if grey.max() <= _MOST_16_BIT else _MOST_32_BIT)
     if not ((grey >= 0) & (grey <= 1)).all():
         raise ValueError(f"{path}: floats must be in [0, 1]")
     return np.repeat(np.rint(255 * grey).astype(np.uint8)[..., None], 3, axis=2)
@@ -341,7 +336,7 @@ def _image(texture: NDArray[Any]) -> Bytes | Floats:
     if texture.dtype == np.uint8:
         return np.ascontiguousarray(texture)
     if texture.dtype == np.uint16:
-        return np.ascontiguousarray(texture / float(_MOST_16_BIT))
+        return np.ascontiguousarray(texture / float(MOST_16_BIT))
     if not np.issubdtype(texture.dtype, np.floating):
         raise ValueError(
             f"texture: dtype {texture.dtype} must be uint8, uint16 or floats in [0, 1]"

@@ -7,14 +7,13 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Floats, Ints
 from ..files import write_bytes
 from ..points import flat_areas
 from ..quality import warn
+from .chains import chains
 from .charts import Layout
 from .metrics import uv_topology
 
@@ -234,37 +233,11 @@ def _edges(layout: Layout, corner: Ints, piece: Ints, open_edges: Bools) -> _Edg
     )
 
 
-def _chains(following: Ints) -> list[Ints]:
-    """Members of each chain in their order, chains by their least member.
-
-    Parameters
-    ----------
-    following : (n,) array of int
-        What comes after each member, -1 at the end of a chain. Rings start at their least member.
-    """
-    n = len(following)
-    inner = np.flatnonzero(following >= 0)
-    graph = coo_array((np.ones(len(inner)), (inner, following[inner])), shape=(n, n))
-    _, chain = connected_components(graph, directed=False)
-    _, least, chain = np.unique(chain, return_index=True, return_inverse=True)
-    # A ring is opened before its least member; a chain has an end already.
-    ring = np.bincount(chain, following < 0) == 0
-    opened = np.where(ring[chain] & (following == least[chain]), -1, following)
-    # Steps to the end by doubling: each round looks twice as far.
-    jump = np.where(opened < 0, np.arange(n), opened)
-    left = (opened >= 0).astype(np.int64)
-    while (jump[jump] != jump).any():
-        left += left[jump]
-        jump = jump[jump]
-    order = np.lexsort((-left, chain))
-    return np.split(order, np.cumsum(np.bincount(chain, minlength=len(least)))[:-1])
-
-
 def _pieces(
     layout: Layout, edges: _Edges, points: Floats, corners: Floats, piece: Ints
 ) -> tuple[Piece, ...]:
     chart = layout.face_charts
-    loops = _chains(edges.following)
+    loops = chains(edges.following)
     owner = edges.piece[[loop[0] for loop in loops]]
     order = np.argsort(piece, kind="stable")
     members = np.split(order, np.cumsum(np.bincount(piece))[:-1])
@@ -298,11 +271,11 @@ def _seams(
     # A seam goes on where its other side does, and turns back where a cut ends.
     goes_on = (twin >= 0) & (twin[following] >= 0) & (twin != following)
     goes_on &= following[twin[following]] == twin
-    chains = _chains(np.where(goes_on, following, -1))
+    runs = chains(np.where(goes_on, following, -1))
     number = np.empty(len(twin), dtype=np.int64)
-    number[np.concatenate(chains)] = np.repeat(np.arange(len(chains)), [len(c) for c in chains])
+    number[np.concatenate(runs)] = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
     seams, notches = [], []
-    for chain in chains:
+    for chain in runs:
         # Each seam once; its other side comes later.
         if twin[chain[0]] < 0 or number[twin[chain[0]]] < number[chain[0]]:
             continue

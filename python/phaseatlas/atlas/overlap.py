@@ -250,4 +250,4 @@ def _primitive(layout: Layout, chart: Chart, uv: Floats, centre: Floats) -> Json
         "COLOR_0": attribute("VEC4", colours),
         "_WEIGHT": attribute("SCALAR", weights[:, None]),
     }
-    return {"attributes": attributes, "indices": indices(inverse, len(unique)), "material": 0}
+    return {"attributes": attributes, "indices": indices(inverse), "material": 0}

@@ -6,6 +6,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Floats, Ints
 from ..saved_arrays import read_arrays, write_arrays
@@ -21,6 +22,8 @@ FORMAT = 3
 # Arrays of a chart with a row a face of its domain, and with a row a vertex.
 _OF_FACES = ("faces", "labelled", "triangles")
 _OF_VERTICES = ("vertices", "uv", "weights", "log_scale")
+# Columns of those that have some.
+_WIDTHS = {"triangles": (3,), "uv": (2,)}
 
 
 def save_layout(layout: Layout, path: str | PathLike[str]) -> None:
@@ -74,6 +77,23 @@ def layout_of_arrays(arrays: dict[str, Any]) -> Layout:
     for name, array, shape in (("labels", labels, (m,)), ("uv", uv, (m, 3, 2))):
         if array.shape != shape:
             raise ValueError(f"{name}: shape {array.shape} must be {shape}")
+    sizes = {
+        **dict.fromkeys(_OF_FACES, int(np.sum(arrays["chart_n_faces"]))),
+        **dict.fromkeys(_OF_VERTICES, int(np.sum(arrays["chart_n_vertices"]))),
+    }
+    for name, size in sizes.items():
+        shape = (size, *_WIDTHS.get(name, ()))
+        if arrays[f"chart_{name}"].shape != shape:
+            found = arrays[f"chart_{name}"].shape
+            raise ValueError(f"chart_{name}: shape {found} must be {shape}")
+    if arrays["chart_labelled"].dtype != np.bool_:
+        raise ValueError("chart_labelled: must be true or false")
+    for name, bound in (("faces", m), ("vertices", surface.n_vertices)):
+        if not _whole(arrays[f"chart_{name}"], 0, bound):
+            raise ValueError(f"chart_{name}: must be whole numbers in 0..{bound - 1}")
+    own = np.repeat(arrays["chart_n_vertices"], arrays["chart_n_faces"])[:, None]
+    if not _whole(arrays["chart_triangles"], 0, own):
+        raise ValueError("chart_triangles: must be numbers of vertices of their charts")
     ends = {
         **dict.fromkeys(_OF_FACES, np.cumsum(arrays["chart_n_faces"])[:-1]),
         **dict.fromkeys(_OF_VERTICES, np.cumsum(arrays["chart_n_vertices"])[:-1]),
@@ -87,19 +107,21 @@ def layout_of_arrays(arrays: dict[str, Any]) -> Layout:
         )
         for k in range(len(arrays["chart_segment"]))
     )
-    for name, bound in (("faces", m), ("vertices", surface.n_vertices)):
-        every = arrays[f"chart_{name}"]
-        if not np.issubdtype(every.dtype, np.integer) or every.min() < 0 or every.max() >= bound:
-            raise ValueError(f"chart_{name}: must be whole numbers in 0..{bound - 1}")
     covered = np.concatenate([chart.faces[chart.labelled] for chart in charts])
     if not np.array_equal(np.sort(covered), np.arange(m)):
         raise ValueError("chart_labelled: every face must be labelled in one chart")
     # Files of before there were pages have one.
     pages = arrays.get("pages", np.zeros(len(charts), dtype=np.int64))
-    if pages.shape != (len(charts),) or pages.min() < 0:
-        raise ValueError(f"pages: must be {len(charts)} numbers from 0")
+    if pages.shape != (len(charts),) or not _whole(pages, 0, np.inf):
+        raise ValueError(f"pages: must be {len(charts)} whole numbers from 0")
     stack: Ints = arrays.get("stack", np.full((m, 3), -1, dtype=np.int64))
-    if stack.shape != (m, 3) or not ((stack >= -1) & (stack < 3 * m)).all():
-        raise ValueError(f"stack: must be corners below {3 * m}, (m, 3)")
+    if stack.shape != (m, 3) or not _whole(stack, -1, 3 * m):
+        raise ValueError(f"stack: must be whole numbers of corners below {3 * m}, (m, 3)")
     side = int(arrays.get("resolution", 1024))
     return Layout(surface, labels, charts, uv, pages, side, stack)
+
+
+def _whole(values: NDArray[Any], low: int, bound: float | Ints) -> bool:
+    """Whether all are whole numbers from the least one on, and below a bound."""
+    integers = np.issubdtype(values.dtype, np.integer)
+    return bool(integers and ((values >= low) & (values < bound)).all())

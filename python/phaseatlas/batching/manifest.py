@@ -47,6 +47,8 @@ class Manifest:
         for number, line in enumerate(lines, start=1):
             try:
                 record = json.loads(line)
+                if not all(isinstance(record[key], str) for key in ("input", "output")):
+                    raise TypeError
                 records.pop(record["output"], None)
                 records[record["output"]] = record
             except (ValueError, TypeError, KeyError):

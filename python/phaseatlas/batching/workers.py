@@ -141,8 +141,10 @@ class _Worker:
     """A process that answers requests."""
 
     def __init__(self, environment: dict[str, str]) -> None:
+        # Python's own imports pass over all else.
+        path = [str(entry) for entry in sys.path if isinstance(entry, str)]
         self.process = subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM.format(path=sys.path)],
+            [sys.executable, "-c", _PROGRAM.format(path=path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment,

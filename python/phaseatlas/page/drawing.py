@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Floats, Ints
+from ..atlas.chains import chains
 from ..atlas.metrics import UvTopology
 from ..coarsen import collapsed
 from ..plot.render import corner_normals
@@ -227,28 +228,7 @@ def outlines(chart: Ints, topology: UvTopology, uv: Floats, count: int) -> list[
     # Around a vertex of the cut surface its faces form one fan, so one open edge leaves it.
     leaving = np.full(topology.n_vertices, -1)
     leaving[start] = np.arange(len(start))
-    following = leaving[end]
-    loop, place = _places(following)
-    order = np.lexsort((place, loop))
-    bounds = np.flatnonzero(np.diff(loop[order])) + 1
     found: list[list[Floats]] = [[] for _ in range(count)]
-    for edges in np.split(order, bounds) if len(order) else []:
+    for edges in chains(leaving[end]):
         found[chart[face[edges[0]]]].append(uv[face[edges], side[edges]])
     return found
-
-
-def _places(following: Ints) -> tuple[Ints, Ints]:
-    """Loop of each edge, by its least edge, and its place from there on, by doubled steps."""
-    n = len(following)
-    loop, step = np.arange(n), following
-    for _ in range(n.bit_length()):
-        loop = np.minimum(loop, loop[step])
-        step = step[step]
-    # How far it is to the least edge, which is where each loop ends.
-    last = loop == np.arange(n)
-    step = np.where(last, np.arange(n), following)
-    distance = np.where(last, 0, 1)
-    for _ in range(n.bit_length()):
-        distance = distance + distance[step]
-        step = step[step]
-    return loop, np.where(last, 0, -distance + n)

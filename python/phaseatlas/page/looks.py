@@ -193,6 +193,7 @@ def _quantile(values: Floats, areas: Floats, part: float) -> float:
     return float(values[order][min(np.searchsorted(sums, part * sums[-1]), len(order) - 1)])
 
 
-def text(array: NDArray[Any]) -> str:
-    """The bytes of an array in base 64."""
-    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()
+def text(data: bytes | NDArray[Any]) -> str:
+    """Bytes, or those of an array, in base 64."""
+    raw = data if isinstance(data, bytes) else data.tobytes()
+    return base64.b64encode(raw).decode()

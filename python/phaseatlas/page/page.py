@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import json
 import math
@@ -22,6 +21,8 @@ from ..atlas.metrics import uv_topology
 from ..files import write_bytes
 from ..meanings import METRICS, SEGMENTS, SURFACE
 from ..plot.render import camera
+from ..surface import Surface
+from ..unwrapping import Unwrapped
 from .drawing import drawing, outlines
 from .looks import Measured, looks, measured, text
 from .subject import Picture, Subject, subject
@@ -77,6 +78,7 @@ def html_of(
     of : SegmentTree or SceneSegmentation, optional
         What an atlas was made of, to show the levels of its tree.
     """
+    thing = thing.atlas if isinstance(thing, Unwrapped) else thing
     shown = thing if isinstance(thing, Subject) else subject(thing)
     if image is not None:
         images = [image] if isinstance(image, np.ndarray) else list(image)
@@ -97,10 +99,12 @@ def _with_levels(shown: Subject, atlas: Any, of: object) -> Subject:
 
 def as_frame(thing: object) -> str | None:
     """Return a page as a frame for a notebook; None where there are too many faces for it."""
-    shown = subject(thing)
-    if shown.surface.n_faces > _FRAME_FACES:
+    of = thing.atlas if isinstance(thing, Unwrapped) else thing
+    # What is large is not gathered first.
+    surface = of if isinstance(of, Surface) else getattr(of, "surface", None)
+    if surface is not None and surface.n_faces > _FRAME_FACES:
         return None
-    escaped = html.escape(html_of(shown, title=type(thing).__name__), quote=True)
+    escaped = html.escape(html_of(of, title=type(thing).__name__), quote=True)
     return (
         f'<iframe srcdoc="{escaped}" title="phaseatlas" style="width: 100%; height: {_FRAME}px; '
         'border: 0"></iframe>'
@@ -134,13 +138,13 @@ def _assembled(shown: Subject, title: str) -> str:
     towards = camera(surface, None)[2]
     data = {
         "noun": shown.noun,
-        "model": base64.b64encode(drawn.glb()).decode(),
+        "model": text(drawn.glb()),
         "chart": text(drawn.chart[drawn.kept].astype(np.uint32)),
         "charts": _charts(shown, rated),
         "layout": layout,
         "pictures": [
             {
-                "data": picture.data and f"data:image/jpeg;base64,{_text(picture.data)}",
+                "data": picture.data and f"data:image/jpeg;base64,{text(picture.data)}",
                 "colour": picture.colour,
             }
             for picture in shown.pictures
@@ -226,10 +230,6 @@ def _finite(metrics: dict[str, float]) -> dict[str, float | None]:
 def _json(value: Any) -> str:
     """JSON that ends no script."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def _text(data: bytes) -> str:
-    return base64.b64encode(data).decode()
 
 
 def _read(name: str) -> str:

@@ -12,6 +12,7 @@ from PIL import Image
 
 from ..arrays import Bytes, Floats, Ints
 from ..atlas import Atlas
+from ..scene.picture import UNREADABLE, eight_bits
 from ..scene.scene import Scene
 from ..segmentation import SceneSegmentation, Segmentation, SegmentTree
 from ..surface import Surface
@@ -52,7 +53,7 @@ class Picture:
         try:
             with Image.open(io.BytesIO(data)) as image:
                 return cls._of(image, colour)
-        except (OSError, ValueError):
+        except UNREADABLE:
             return cls(colour=colour)
 
     @classmethod
@@ -63,7 +64,7 @@ class Picture:
     @classmethod
     def _of(cls, image: Image.Image, colour: tuple[float, float, float]) -> Picture:
         side = round(float(np.sqrt(image.width * image.height)))
-        small = image.convert("RGB")
+        small = eight_bits(image).convert("RGB")
         small.thumbnail((_MOST_TEXELS, _MOST_TEXELS))
         out = io.BytesIO()
         small.save(out, format="jpeg", quality=_QUALITY)

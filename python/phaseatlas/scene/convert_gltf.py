@@ -114,9 +114,7 @@ def _primitives(mesh: Mesh, centre: Floats, extra: Corners, sets: Sequence[Float
             attributes["COLOR_0"] = NewAccessor(
                 {"componentType": 5121, "type": "VEC4", "normalized": True}, colours, "vertices"
             )
-        primitives.append(
-            {"attributes": attributes, "indices": indices(new, len(kept)), "material": material}
-        )
+        primitives.append({"attributes": attributes, "indices": indices(new), "material": material})
     return primitives
 
 

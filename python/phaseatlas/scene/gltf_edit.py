@@ -18,10 +18,10 @@ from ..arrays import Bytes, Floats, Ints
 from .accessors import Gltf, Json, Rows, resource, rows
 from .gltf_meshes import Triangles, uv_names
 from .gltf_pictures import drop_pictures
-from .gltf_slots import NewAccessor, NewView, settle
+from .gltf_slots import NewAccessor, NewView, indices, settle
 from .looks import SLOTS, Baked
 from .mesh import Cut
-from .paged import Pages, Part, indices_of, split_primitives
+from .paged import Pages, Part, split_primitives
 from .picture import kind_of, png
 from .polygons import split_corners, split_vertices
 
@@ -99,15 +99,15 @@ def with_uv(
             end = start + len(part.corners)
             mine = slice(start, end)
             if cuts is None:
-                indices = _write(gltf, primitive, part.corners, single[mine], at, shared)
+                written = _write(gltf, primitive, part.corners, single[mine], at, shared)
             else:
                 cut = cuts[number]
                 mine = slice(*np.searchsorted(cut.corners[:, 0], [start, end]))
                 points = part.corners[cut.corners[mine] - start], cut.weights[mine]
-                indices = _write_cut(gltf, primitive, *points, single[mine], at)
-            if pages is not None and len(indices):
+                written = _write_cut(gltf, primitive, *points, single[mine], at)
+            if pages is not None and len(written):
                 of = pages.of[number][mine.start // 3 : mine.stop // 3]
-                parts.append(Part(part.mesh, part.primitive, indices, of))
+                parts.append(Part(part.mesh, part.primitive, written, of))
             start = end
     if pages is not None:
         _drop_what_is_baked(document, groups, pages.baked)
@@ -221,7 +221,7 @@ def _write(
                 if accessor not in made:
                     made[accessor] = _repeated(gltf, accessor, origin)
                 holder[name] = made[accessor]
-        primitive["indices"] = indices_of(new)
+        primitive["indices"] = indices(new)
         if primitive.get("mode", 4) != 4:
             primitive["mode"] = 4
     # The attributes keep the order of the file.
@@ -261,7 +261,7 @@ def _write_cut(
                         values = _renormalised(values)
                     made[accessor] = _accessor(gltf, accessor, values)
             holder[name] = made[accessor]
-    primitive["indices"] = indices_of(new)
+    primitive["indices"] = indices(new)
     primitive["mode"] = 4
     primitive["attributes"][f"TEXCOORD_{uv_set}"] = NewAccessor(
         {"componentType": 5126, "type": "VEC2"}, uv[first].astype("<f4"), "vertices"

@@ -54,10 +54,10 @@ def attribute(kind: str, values: Rows, **more: list[float]) -> NewAccessor:
     return NewAccessor(entry, values.astype("<f4"), "vertices")
 
 
-def indices(corners: Rows, n_vertices: int) -> NewAccessor:
+def indices(corners: Rows) -> NewAccessor:
     """Vertices of the corners of triangles, one after the other, in as few bytes as will do."""
     # 65535 restarts a strip.
-    small = n_vertices <= 65535
+    small = int(corners.max(initial=0)) < 65535
     return NewAccessor(
         {"componentType": 5123 if small else 5125, "type": "SCALAR"},
         corners.reshape(-1, 1).astype("<u2" if small else "<u4"),

@@ -15,7 +15,25 @@ from .components import components
 from .repair import Repaired
 from .scene import Scene
 
-__all__ = ["half_edges", "opened"]
+__all__ = ["NoEdgeError", "half_edges", "opened"]
+
+
+class NoEdgeError(ValueError):
+    """Two vertices of a list of edges that no edge joins.
+
+    Attributes
+    ----------
+    row : int
+        Of the two in the list.
+    """
+
+    def __init__(self, row: int, a: int, b: int) -> None:
+        super().__init__(row, a, b)
+        self.row = row
+
+    def __str__(self) -> str:
+        row, a, b = self.args
+        return f"seams[{row}]: no edge joins vertices {a} and {b}"
 
 
 def half_edges(vertices: Ints, pairs: ArrayLike, n: int) -> Bools:
@@ -38,7 +56,9 @@ def half_edges(vertices: Ints, pairs: ArrayLike, n: int) -> Bools:
     Raises
     ------
     ValueError
-        For another shape, and vertices that no edge joins.
+        For another shape.
+    NoEdgeError
+        For vertices that no edge joins.
     """
     ends = np.asarray(pairs)
     if ends.size == 0:
@@ -50,8 +70,7 @@ def half_edges(vertices: Ints, pairs: ArrayLike, n: int) -> Bools:
     known = np.isin(wanted, there) & ((ends >= 0) & (ends < n)).all(axis=1)
     if not known.all():
         row = int(np.argmin(known))
-        a, b = ends[row].tolist()
-        raise ValueError(f"seams[{row}]: no edge joins vertices {a} and {b}")
+        raise NoEdgeError(row, *ends[row].tolist())
     return np.isin(there, wanted)
 
 

@@ -12,12 +12,12 @@ import numpy as np
 from ..arrays import Bytes, Ints
 from ..tiles import tile_number
 from .accessors import Json
-from .gltf_slots import NewAccessor, NewView
+from .gltf_slots import NewView, indices
 from .looks import Baked
 from .mesh import Contents, Image, Material, Mesh
 from .picture import png
 
-__all__ = ["Pages", "Part", "in_tiles", "indices_of", "paged", "split_primitives", "tile_name"]
+__all__ = ["Pages", "Part", "in_tiles", "paged", "split_primitives", "tile_name"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def split_primitives(
             one = {
                 **copy.copy(whole),
                 "attributes": dict(whole["attributes"]),
-                "indices": indices_of(triangles[part.pages == page].reshape(-1)),
+                "indices": indices(triangles[part.pages == page]),
                 "material": material_of(old, page),
                 "mode": 4,
             }
@@ -154,17 +154,6 @@ def split_primitives(
             else:
                 primitives.append(one)
     return made
-
-
-def indices_of(values: Ints) -> NewAccessor:
-    """An accessor of indices, as short as they fit."""
-    # 65535 restarts a strip.
-    small = int(values.max(initial=0)) < 65535
-    return NewAccessor(
-        {"componentType": 5123 if small else 5125, "type": "SCALAR"},
-        values.astype("<u2" if small else "<u4")[:, None],
-        "indices",
-    )
 
 
 def paged(

@@ -9,18 +9,32 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from ..arrays import Bytes, Floats, Ints
 
-__all__ = ["Picture", "as_png_or_jpeg", "kind_of", "png", "read_picture"]
+__all__ = [
+    "MOST_16_BIT",
+    "UNREADABLE",
+    "Picture",
+    "as_png_or_jpeg",
+    "eight_bits",
+    "grey_values",
+    "kind_of",
+    "png",
+    "read_picture",
+]
 
+#: What Pillow raises for a picture that it cannot read, or that is too large to be one.
+UNREADABLE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
+#: Largest value of an image of 16 bits.
+MOST_16_BIT = 2**16 - 1
+_MOST_32_BIT = 2**31 - 1
 _SIGNATURES = {b"\x89PNG": "png", b"\xff\xd8\xff": "jpg", b"RIFF": "webp", b"\xabKTX": "ktx2"}
 
 
 def png(image: Bytes) -> bytes:
     """Return a PNG file of an image, (h, w, 3) or (h, w, 4), first row on top."""
-    from PIL import Image
-
     data = io.BytesIO()
     Image.fromarray(image).save(data, format="png")
     return data.getvalue()
@@ -35,15 +49,32 @@ def as_png_or_jpeg(data: bytes) -> bytes | None:
     """The picture in a format that glTF holds; None where it cannot be read."""
     if kind_of(data) in ("png", "jpg"):
         return data
-    from PIL import Image, UnidentifiedImageError
-
     try:
         with Image.open(io.BytesIO(data)) as picture:
             out = io.BytesIO()
-            picture.convert("RGBA").save(out, format="png")
+            eight_bits(picture).convert("RGBA").save(out, format="png")
             return out.getvalue()
-    except (OSError, UnidentifiedImageError, ValueError):
+    except UNREADABLE:
         return None
+
+
+def grey_values(picture: Image.Image) -> Floats | None:
+    """Values of a grey picture of more than 8 bits, those of integers in [0, 1]; else None."""
+    if picture.mode[0] not in "IF":
+        return None
+    # Pillow's own conversion cuts values off at 255 instead of scaling them.
+    grey = np.asarray(picture, dtype=np.float64)
+    if picture.mode == "F":
+        return grey
+    return grey / (MOST_16_BIT if grey.max() <= MOST_16_BIT else _MOST_32_BIT)
+
+
+def eight_bits(picture: Image.Image) -> Image.Image:
+    """The picture with 8 bits a channel; values beyond [0, 1] become the next ones."""
+    grey = grey_values(picture)
+    if grey is None:
+        return picture
+    return Image.fromarray(np.rint(255 * np.clip(grey, 0.0, 1.0)).astype(np.uint8))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,21 +161,17 @@ def read_picture(data: bytes, decode: Callable[[Floats], Floats] | None = None) 
     decode : callable, optional
         From bytes as parts of 255 to values.
     """
-    from PIL import Image
-
     try:
         with Image.open(io.BytesIO(data)) as picture:
-            if picture.mode[0] in "IF":
-                grey = np.asarray(picture, dtype=np.float64) / (
-                    65535 if picture.mode[0] == "I" else 1
-                )
+            grey = grey_values(picture)
+            if grey is not None:
                 grey = np.clip(grey, 0.0, 1.0)
                 grey = decode(grey) if decode else grey
                 pixels = np.ones((*grey.shape, 4), dtype=np.float32)
                 pixels[..., :3] = grey[..., None]
                 return Picture(pixels, None)
             whole = np.asarray(picture.convert("RGBA"))
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except UNREADABLE:
         return None
     steps = np.arange(256) / 255
     return Picture(whole, decode(steps) if decode else steps)

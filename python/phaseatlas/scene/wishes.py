@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,7 +17,7 @@ from ..seam_costs import check_creases, with_seam_cost
 from .accessors import decoded
 from .document import Document
 from .obj_document import ObjSource
-from .opened import half_edges, opened
+from .opened import NoEdgeError, half_edges, opened
 from .ply_elements import Lists
 from .scene import Scene
 from .sources import GltfSource, LooseSource
@@ -251,24 +252,29 @@ def _cut_edges(document: Document, scene: Scene, path: Path) -> Bools:
             raise ValueError(
                 f"seams: {path}, line {line}: {what if wrong else 'must have at least ' + what}"
             )
-    return _edges_of_paths(number[at], lines, number, path)
+    return _edges_of_paths(
+        number[at], [_Path(line, numbers, numbers) for line, numbers in lines], number, path
+    )
 
 
 def _drawn_edges(scene: Scene, path: Path) -> Bools:
     """Edges that an OBJ file draws as lines, found by their places."""
     places: list[list[float]] = []
-    lines: list[tuple[int, list[int]]] = []
+    lines: list[_Path] = []
     for line, words in enumerate(_text(path, "seams").splitlines(), start=1):
         parts = words.partition("#")[0].split()
         try:
             if parts[:1] == ["v"]:
-                places.append([float(word) for word in parts[1:4]])
+                place = [float(word) for word in parts[1:4]]
+                if len(place) < 3 or not all(map(math.isfinite, place)):
+                    raise ValueError
+                places.append(place)
             elif parts[:1] == ["l"]:
-                listed = [int(word.partition("/")[0]) for word in parts[1:]]
-                numbers = [n - 1 if n > 0 else len(places) + n for n in listed]
+                written = [int(word.partition("/")[0]) for word in parts[1:]]
+                numbers = [n - 1 if n > 0 else len(places) + n for n in written]
                 if not all(0 <= n < len(places) for n in numbers):
                     raise ValueError
-                lines.append((line, numbers))
+                lines.append(_Path(line, written, numbers))
         except ValueError:
             raise ValueError(f"seams: {path}, line {line}: cannot be read") from None
     if not lines:
@@ -276,27 +282,32 @@ def _drawn_edges(scene: Scene, path: Path) -> Bools:
     number = _first_of_place(scene.vertices)
     extent = float(np.ptp(scene.vertices, axis=0).max())
     distance, nearest = cKDTree(scene.vertices).query(np.array(places).reshape(-1, 3))
-    used = np.unique([n for _, numbers in lines for n in numbers])
+    used = np.unique([n for each in lines for n in each.vertices])
     far = distance[used] > _SAME_PLACE * extent
     if far.any():
         raise ValueError(f"seams: {path}: no vertex is where its vertex {used[far][0] + 1} is")
     return _edges_of_paths(number[scene.faces], lines, number[nearest], path)
 
 
-def _edges_of_paths(
-    at: Ints, lines: Sequence[tuple[int, list[int]]], number: Ints, path: Path
-) -> Bools:
-    """Edges along paths of vertices, each of which has a line in a file."""
-    pairs = [pair for _, path_of in lines for pair in pairwise(path_of)]
-    line_of = [line for line, path_of in lines for _ in path_of[1:]]
+@dataclass(frozen=True)
+class _Path:
+    """A path of vertices in a line of a file: as it is written there, and counted from 0."""
+
+    line: int
+    written: Sequence[int]
+    vertices: Sequence[int]
+
+
+def _edges_of_paths(at: Ints, paths: Sequence[_Path], number: Ints, file: Path) -> Bools:
+    """Edges along paths of vertices."""
+    pairs = [pair for each in paths for pair in pairwise(each.vertices)]
     ends = number[np.array(pairs, dtype=np.int64).reshape(-1, 2)]
     try:
         return half_edges(at, ends, int(number.max(initial=0)) + 1 + int(at.max(initial=0)))
-    except ValueError as error:
-        row = int(str(error).partition("[")[2].partition("]")[0])
-        raise ValueError(
-            f"seams: {path}, line {line_of[row]}: no edge joins {pairs[row][0]} and {pairs[row][1]}"
-        ) from None
+    except NoEdgeError as error:
+        steps = [(each.line, *step) for each in paths for step in pairwise(each.written)]
+        line, a, b = steps[error.row]
+        raise ValueError(f"seams: {file}, line {line}: no edge joins {a} and {b}") from None
 
 
 def _first_of_place(positions: Floats) -> Ints:
