@@ -166,6 +166,10 @@ def test_what_cannot_be_reopened(two, tmp_path):
     (tmp_path / "w.npz").write_bytes(b"nothing")
     with pytest.raises(ValueError, match="neither segments nor an atlas"):
         made(tmp_path / "w.npz", tmp_path / "b.obj")
+    with pytest.raises(ValueError, match=r"no atlas: it is no \.npz file"):
+        Atlas.load(tmp_path / "w.npz")
+    with pytest.raises(ValueError, match=r"vertices: .*two\.obj is a path; load_scene reads it"):
+        pa.unwrap(two)
     with pytest.raises(ValueError, match=r"what Atlas\.load reads"):
         pa.SegmentTree.load(tmp_path / "a.npz")
     assert not (tmp_path / "b.obj").exists()

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
+from zipfile import is_zipfile
 
 import numpy as np
 
@@ -47,6 +48,9 @@ def read_arrays(
         For a missing file.
     """
     try:
+        if Path(path).is_file() and not is_zipfile(path):
+            # NumPy would take it for a pickle, and say so.
+            raise ValueError("it is no .npz file")
         with np.load(Path(path), allow_pickle=False) as file:
             arrays = {key: file[key] for key in file.files}
         found = int(arrays["format"])

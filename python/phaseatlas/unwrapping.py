@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -176,6 +177,8 @@ def unwrap(
                 shape = (surface.n_faces, 3, 2)
             surface = _opened(surface, half_edges(surface.faces, seams, surface.n_vertices))
     else:
+        if isinstance(vertices, str | PathLike):
+            raise ValueError(f"vertices: {vertices} is a path; load_scene reads it")
         if faces is None:
             raise ValueError("faces: value must be given with vertices")
         corners, sizes = polygons_of(faces)
