@@ -194,7 +194,7 @@ def test_buttons_of_each_kind(tree, atlas, tmp_path):
 
 
 def test_what_was_unwrapped_has_the_page_of_its_atlas(tree):
-    made = pa.unwrap(tree.surface, levels=1, pages=2, effort="fast")
+    made = pa.unwrap(tree.surface, levels=1, pages=2)
     options = {"image": [TWO[:, :32], TWO[:, 32:]], "of": tree}
     assert made.atlas.n_pages == 2
     assert html_of(made, **options) == html_of(made.atlas, **options)
