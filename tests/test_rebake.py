@@ -159,7 +159,9 @@ def test_colours_on_the_surface_stay(tmp_path, wrap):
     expected = shown(light(waves(places)) * factor[:3] * tints)
     pbr = document["materials"][0]["pbrMetallicRoughness"]
     assert pbr["baseColorFactor"] == [1, 1, 1, 0.7]
-    assert pbr["baseColorTexture"] == {"index": 1, "texCoord": 0}
+    # The old picture is gone, as nothing names it any more.
+    assert pbr["baseColorTexture"] == {"index": 0, "texCoord": 0}
+    assert (len(document["textures"]), len(document["images"])) == (1, 1)
     attributes = document["meshes"][0]["primitives"][0]["attributes"]
     assert "COLOR_0" not in attributes
     assert "_COLOR_0" in attributes
