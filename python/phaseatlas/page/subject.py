@@ -12,7 +12,7 @@ from PIL import Image
 
 from ..arrays import Bytes, Floats, Ints
 from ..atlas import Atlas
-from ..scene.picture import UNREADABLE, eight_bits
+from ..scene.picture import eight_bits, unreadable
 from ..scene.scene import Scene
 from ..segmentation import SceneSegmentation, Segmentation, SegmentTree
 from ..surface import Surface
@@ -53,7 +53,7 @@ class Picture:
         try:
             with Image.open(io.BytesIO(data)) as image:
                 return cls._of(image, colour)
-        except UNREADABLE:
+        except unreadable():
             return cls(colour=colour)
 
     @classmethod

@@ -5,17 +5,18 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from ..arrays import Bytes, Floats, Ints
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 __all__ = [
     "MOST_16_BIT",
-    "UNREADABLE",
     "Picture",
     "as_png_or_jpeg",
     "eight_bits",
@@ -23,18 +24,26 @@ __all__ = [
     "kind_of",
     "png",
     "read_picture",
+    "unreadable",
 ]
 
-#: What Pillow raises for a picture that it cannot read, or that is too large to be one.
-UNREADABLE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
 #: Largest value of an image of 16 bits.
 MOST_16_BIT = 2**16 - 1
 _MOST_32_BIT = 2**31 - 1
 _SIGNATURES = {b"\x89PNG": "png", b"\xff\xd8\xff": "jpg", b"RIFF": "webp", b"\xabKTX": "ktx2"}
 
 
+def unreadable() -> tuple[type[Exception], ...]:
+    """What Pillow raises for a picture that it cannot read, or that is too large to be one."""
+    from PIL import Image
+
+    return OSError, ValueError, SyntaxError, Image.DecompressionBombError
+
+
 def png(image: Bytes) -> bytes:
     """Return a PNG file of an image, (h, w, 3) or (h, w, 4), first row on top."""
+    from PIL import Image
+
     data = io.BytesIO()
     Image.fromarray(image).save(data, format="png")
     return data.getvalue()
@@ -49,12 +58,14 @@ def as_png_or_jpeg(data: bytes) -> bytes | None:
     """The picture in a format that glTF holds; None where it cannot be read."""
     if kind_of(data) in ("png", "jpg"):
         return data
+    from PIL import Image
+
     try:
         with Image.open(io.BytesIO(data)) as picture:
             out = io.BytesIO()
             eight_bits(picture).convert("RGBA").save(out, format="png")
             return out.getvalue()
-    except UNREADABLE:
+    except unreadable():
         return None
 
 
@@ -74,6 +85,8 @@ def eight_bits(picture: Image.Image) -> Image.Image:
     grey = grey_values(picture)
     if grey is None:
         return picture
+    from PIL import Image
+
     return Image.fromarray(np.rint(255 * np.clip(grey, 0.0, 1.0)).astype(np.uint8))
 
 
@@ -161,6 +174,8 @@ def read_picture(data: bytes, decode: Callable[[Floats], Floats] | None = None) 
     decode : callable, optional
         From bytes as parts of 255 to values.
     """
+    from PIL import Image
+
     try:
         with Image.open(io.BytesIO(data)) as picture:
             grey = grey_values(picture)
@@ -171,7 +186,7 @@ def read_picture(data: bytes, decode: Callable[[Floats], Floats] | None = None) 
                 pixels[..., :3] = grey[..., None]
                 return Picture(pixels, None)
             whole = np.asarray(picture.convert("RGBA"))
-    except UNREADABLE:
+    except unreadable():
         return None
     steps = np.arange(256) / 255
     return Picture(whole, decode(steps) if decode else steps)
