@@ -264,7 +264,6 @@ def _made(
         texture=options.texture,
         picture=picture,
         rebaked=options.rebake,
-        split=atlas.n_pages > 1,
         udim=options.udim,
         uv_set=options.uv_set,
     )
@@ -361,7 +360,7 @@ def _written(result: FileAtlas, contents: Contents, *notes: str) -> FileAtlas:
 
 @contextmanager
 def _heard() -> Iterator[list[str]]:
-    """Give the list of what the package warns of; the warnings are issued when the block ends."""
+    """Give the list of what the package warns of, for the caller to issue; others are issued."""
     said: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", QualityWarning)

@@ -51,7 +51,6 @@ def with_textures(
     texture: Look,
     picture: Bytes | None,
     rebaked: bool,
-    split: bool,
     udim: bool,
     uv_set: int | None,
 ) -> tuple[Contents, list[str]]:
@@ -68,10 +67,8 @@ def with_textures(
         A texture to bake, if it is not None, and what `read_texture` made of it.
     rebaked : bool
         Whether to bake the file's own textures.
-    split : bool
-        Whether there may be several pages, each with materials of its own.
     udim : bool
-        Whether pages are UDIM tiles instead.
+        Whether several pages are UDIM tiles, and not textures with materials of their own.
     uv_set : int, optional
         As in `Document.with_uv`.
 
@@ -82,19 +79,18 @@ def with_textures(
     list of str
         Sentences about textures that could not be baked.
     """
-    corners = scene.corners(atlas.uv)
     images, baked = textures_of(
         document, scene, atlas, texture=texture, picture=picture, rebaked=rebaked
     )
     shown: dict[str, Any] = {"image": images[0] if images and not baked else None}
     shown["baked"] = baked[0] if baked else None
     if udim:
-        corners = scene.corners(atlas.udim)
         tiles = [each.images for each in baked] or [{"base": image} for image in images]
         shown |= {"image": None, "tiles": tiles or None}
-    elif split:
+    elif atlas.n_pages > 1:
         of = tuple(np.maximum(each, 0) for each in scene.polygon_values(atlas.face_pages))
         shown = {"pages": Pages(of, tuple(images), tuple(baked))}
+    corners = scene.corners(atlas.udim if udim else atlas.uv)
     contents = document.with_uv(output, corners, uv_set=uv_set, **shown)
     return contents, notes_of(baked)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -10,7 +11,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-__all__ = ["check_input", "remove_temporaries", "write_bytes", "write_files", "write_whole"]
+__all__ = [
+    "check_input",
+    "digest",
+    "remove_temporaries",
+    "write_bytes",
+    "write_files",
+    "write_whole",
+]
 
 # What ends the name of a file that is being written.
 _PART = ".part"
@@ -36,6 +44,12 @@ def check_input(path: Path) -> None:
     with path.open("rb") as file:
         if not file.read(1):
             raise ValueError(f"{path}: empty file")
+
+
+def digest(path: Path) -> str:
+    """The SHA-256 of a file's bytes, in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_bytes(path: str | PathLike[str], data: Any) -> None:

@@ -15,10 +15,10 @@ from typing import Any
 
 from .. import _core
 from ..file_atlas import CHECKER, AtlasOptions
-from ..files import remove_temporaries
+from ..files import digest, remove_temporaries
 from ..plain import plain
 from ..threads import n_threads
-from .job import digest, failed, make, reason
+from .job import failed, make, reason
 from .manifest import Manifest, Record, locked
 from .memory import peak
 from .plan import Format, Job, plan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 import threading
@@ -12,9 +11,10 @@ from pathlib import Path
 
 from .. import _core
 from ..file_atlas import AtlasOptions, atlas_file
+from ..files import digest
 from .manifest import Record
 
-__all__ = ["digest", "failed", "make", "reason"]
+__all__ = ["failed", "make", "reason"]
 
 # Warnings are caught for the process as a whole, and one mesh has all its threads.
 _one_at_a_time = threading.Lock()
@@ -69,12 +69,6 @@ def _head(source: Path, output: str, sha256: str | None, options: AtlasOptions) 
         "options": options.given(),
         "version": _core.__version__,
     }
-
-
-def digest(path: Path) -> str:
-    """The SHA-256 of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def reason(error: BaseException) -> str:

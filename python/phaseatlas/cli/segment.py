@@ -53,7 +53,7 @@ def segment(
     levels = 3 if levels is None and parts is None else levels
     from ..io import save_ply
     from ..scene.document import read_document
-    from ..scene.scene import load_scene
+    from ..scene.scene import scene_file, scene_in
     from ..scene.wishes import Wishes, granted
     from ..segmentation import Options, SegmentTree
 
@@ -69,9 +69,10 @@ def segment(
     }
     Options(**others)
     wishes = Wishes(seam_cost, seams, tuple(keep or ()), creases)
-    scene = load_scene(mesh)
-    if wishes:
-        scene = granted(read_document(mesh), scene, wishes)
+    document = read_document(mesh)
+    scene = scene_in(document)
+    scene.file = scene_file(mesh)
+    scene = granted(document, scene, wishes)
     # A file of one piece has a tree of its own, unless it was opened.
     alone = len(scene.pieces) == 1 and not any(m.repaired.report.aside for m in scene.meshes)
     alone &= seams is None

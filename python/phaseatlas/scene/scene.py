@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Floats, Ints
+from ..files import digest
 from ..seam_factors import check_factors
 from ..surface import Surface
 from .components import Component, components
@@ -224,8 +224,7 @@ def load_scene(path: str | PathLike[str], *, weld: float = 0.0) -> Scene:
 
 def scene_file(path: str | PathLike[str]) -> SceneFile:
     """Path and digest of a file."""
-    with Path(path).open("rb") as file:
-        return SceneFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
+    return SceneFile(str(path), digest(Path(path)))
 
 
 def scene_in(document: Document, *, weld: float = 0.0, whole: bool = True) -> Scene:
