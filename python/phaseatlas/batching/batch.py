@@ -17,8 +17,9 @@ from .. import _core
 from ..file_atlas import CHECKER, AtlasOptions
 from ..files import digest, remove_temporaries
 from ..plain import plain
+from ..reasons import reason
 from ..threads import n_threads
-from .job import failed, make, reason
+from .job import failed, make
 from .manifest import Manifest, Record, locked
 from .memory import peak
 from .plan import Format, Job, plan

@@ -12,9 +12,10 @@ from pathlib import Path
 from .. import _core
 from ..file_atlas import AtlasOptions, atlas_file
 from ..files import digest
+from ..reasons import reason
 from .manifest import Record
 
-__all__ = ["failed", "make", "reason"]
+__all__ = ["failed", "make"]
 
 # Warnings are caught for the process as a whole, and one mesh has all its threads.
 _one_at_a_time = threading.Lock()
@@ -69,15 +70,3 @@ def _head(source: Path, output: str, sha256: str | None, options: AtlasOptions) 
         "options": options.given(),
         "version": _core.__version__,
     }
-
-
-def reason(error: BaseException) -> str:
-    """What went wrong, in one line."""
-    if isinstance(error, OSError) and error.strerror is not None:
-        words = error.strerror.lower()
-        words = words if error.filename is None else f"{error.filename}: {words}"
-    elif isinstance(error, (ValueError, RuntimeError, OSError, ImportError, MemoryError)):
-        words = str(error) or type(error).__name__
-    else:
-        words = f"{type(error).__name__}: {error}"
-    return " ".join(words.split())

@@ -8,6 +8,7 @@ import sys
 
 import typer
 
+from ..reasons import reason
 from .app import app
 from .process import FAILED, USAGE, UsageError, complain
 
@@ -40,15 +41,8 @@ def run() -> int:
     except UsageError as error:
         complain(str(error))
         return USAGE
-    except OSError as error:
-        if error.strerror is None:
-            complain(str(error))
-        else:
-            reason = error.strerror.lower()
-            complain(reason if error.filename is None else f"{error.filename}: {reason}")
-        return FAILED
-    except (ValueError, RuntimeError, ImportError, MemoryError) as error:
-        complain(str(error) or type(error).__name__)
+    except (OSError, ValueError, RuntimeError, ImportError, MemoryError) as error:
+        complain(reason(error))
         return FAILED
 
 
